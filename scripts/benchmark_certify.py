@@ -33,8 +33,8 @@ from measuring import cpu_seconds, machine, parser_of, ratio, take_turns
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks.certification import CHUNK, _look_at_chunk
+from labyrinth_core.benchmarks.environment import Maker, state_function
 from labyrinth_core.benchmarks.episodes import Protocol, action_sequences
-from labyrinth_core.benchmarks.making import Maker, state_function
 
 FAR = 1_000_000
 """The first seed of test."""

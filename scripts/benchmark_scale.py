@@ -32,7 +32,7 @@ from measuring import machine
 from labyrinth_core.data import Shard
 from labyrinth_core.errors import DatasetError
 from pipeline.command.composed import ALL, resolve
-from pipeline.config.stage import Job
+from pipeline.config import Job
 from pipeline.generation import build
 from pipeline.generation.shard import ShardJob, Sidecar
 from pipeline.release.figures import INK, LINE, MUTED, Sheet

@@ -43,7 +43,6 @@ from collections.abc import Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field, replace
 from hashlib import sha256
-from importlib import import_module
 from mmap import mmap
 from pathlib import Path
 from typing import Any, NamedTuple, NoReturn
@@ -53,14 +52,12 @@ import PIL.Image  # noqa: F401
 import pyarrow.parquet  # noqa: F401
 
 from pipeline.command.composed import ALL, resolve
-from pipeline.command.stages import STAGES
-from pipeline.config.export import ExportOptions
-from pipeline.config.stage import Job
+from pipeline.config import ExportOptions, Job
 from pipeline.evaluation import evaluate
 from pipeline.evaluation.options import EvaluationOptions
 from pipeline.export import stage as export
 from pipeline.generation import build
-from pipeline.machinery.executor import cluster
+from pipeline.machinery import cluster
 from pipeline.report import report
 from pipeline.results import results
 
@@ -106,7 +103,7 @@ class Found:
 
 
 @contextmanager
-def started(run: Job[Any], left: list[str], stage: str = "build") -> Iterator[int]:
+def started(run: Job[Any], left: list[str]) -> Iterator[int]:
     """Build in a new process group, yield the id of its first process, and end the group.
 
     Processes and shared memory that the build leaves behind are added to `left`.
@@ -116,7 +113,7 @@ def started(run: Job[Any], left: list[str], stage: str = "build") -> Iterator[in
         warnings.simplefilter("ignore", DeprecationWarning)
         process = os.fork()
     if not process:
-        perform(run, stage)
+        perform(run)
     os.setpgid(process, process)
     try:
         yield process
@@ -126,17 +123,13 @@ def started(run: Job[Any], left: list[str], stage: str = "build") -> Iterator[in
         left.extend(what_is_left(process))
 
 
-def perform(run: Job[Any], stage: str) -> None:
-    """Build, or perform another stage, in a forked process, and exit."""
+def perform(run: Job[Any]) -> None:
+    """Build in a forked process, and exit."""
 
     def act() -> None:
         cells = LABYRINTHS // SHARDS * run.dataset.height * run.dataset.width
-        executor = getattr(run.options, "executor", "local")
-        with cluster(executor, run.options.workers):
-            if stage == "build":
-                build.run(run, cells_per_shard=cells, cells_per_chunk=CELLS_PER_CHUNK)
-            else:
-                import_module(STAGES[stage].module).run(run)
+        with cluster(run.options.executor, run.options.workers):
+            build.run(run, cells_per_shard=cells, cells_per_chunk=CELLS_PER_CHUNK)
 
     os.setpgid(0, 0)
     # joblib's processes print messages when killed; an error of the build comes last in the log.
@@ -162,8 +155,7 @@ def exit_after(act: Callable[[], None], log: Path) -> NoReturn:
 
 def log_of(run: Job[Any]) -> Path:
     """Return the log file of a build."""
-    part = getattr(run.options, "part", "")
-    return Path(f"{run.data_dir}{part.replace('/', '-of-')}.log")
+    return Path(f"{run.data_dir}{run.options.part.replace('/', '-of-')}.log")
 
 
 def what_is_left(process: int) -> list[str]:
@@ -187,9 +179,9 @@ def clear_memory(process: int) -> list[str]:
     return [path.name for path in found]
 
 
-def finish(run: Job[Any], left: list[str], stage: str = "build") -> None:
+def finish(run: Job[Any], left: list[str]) -> None:
     """Build to the end."""
-    with started(run, left, stage) as process:
+    with started(run, left) as process:
         ended = os.waitid(os.P_PID, process, os.WEXITED | os.WNOWAIT)
     if ended is None or ended.si_status:
         print(log_of(run).read_text())

@@ -39,11 +39,14 @@ from hydra import compose, initialize_config_dir
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.override_parser.types import IntervalSweep, Override
 
-from pipeline.command.command_line import HYDRA, parsed, register
+from pipeline.command.command_line import HYDRA, as_given, parsed, quote_texts, register
 from pipeline.command.composed import CONF, options_of, resolve
-from pipeline.command.texts import as_given, quote_texts
 
 ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT / "tests"))
+
+from support.quick_python import python  # noqa: E402
+
 CLONE = ("run.py", "scripts", "examples", "constraints.txt")
 """The files of a clone that pages use."""
 SHELLS = {
@@ -176,9 +179,10 @@ def main() -> int:
     parser.add_argument("pages", nargs="*", type=Path, help="README.md and all guides by default")
     pages = [page.absolute() for page in parser.parse_args().pages] or guides()
     with tempfile.TemporaryDirectory() as cache:
-        # Pages run the programs of this environment.
-        os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
         os.environ |= {"XDG_CACHE_HOME": cache, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
+        # Pages run the programs of this environment, and a quick Python.
+        programs = Path(python()).parent, Path(sys.executable).parent
+        os.environ["PATH"] = os.pathsep.join([*map(str, programs), os.environ["PATH"]])
         with ProcessPoolExecutor(2, get_context("spawn")) as pool:
             works = True
             for line, each in pool.map(walk, pages, cycle(SHELLS)):

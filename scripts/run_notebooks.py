@@ -5,7 +5,8 @@
 
 Numbers are not compared: times differ between runs, and training differs between machines.
 
-Needs the extra `docs`. The kernel uses the Python that runs this script.
+Needs the extra `docs`. The kernel uses the Python that runs this script; `labyrinth-datasets` is
+run by that of tests/support/quick_python.py, which need not import the libraries each time.
 """
 
 from __future__ import annotations
@@ -29,7 +30,12 @@ from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
 from traitlets.config import Config
 
-EXAMPLES = Path(__file__).parents[1] / "examples"
+ROOT = Path(__file__).parents[1]
+sys.path.append(str(ROOT / "tests"))
+
+from support.quick_python import python  # noqa: E402
+
+EXAMPLES = ROOT / "examples"
 SECONDS = 300
 """The time limit of a cell."""
 
@@ -99,11 +105,15 @@ def main() -> int:
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("--write", action="store_true", help="save the outputs in the notebooks")
     options = parser.parse_args()
-    # Cells run the programs of this environment.
-    os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ['PATH']}"
     os.environ |= {"COLUMNS": "100", "PYTHONWARNINGS": "ignore", "OMP_NUM_THREADS": "1"}
     # `datasets` draws bars only for data that is not in its cache yet.
     os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
+    # Cells run the programs of this environment, and that of the project by a quick Python.
+    programs = Path(python()).parent, Path(sys.executable).parent
+    os.environ["PATH"] = os.pathsep.join([*map(str, programs), os.environ["PATH"]])
+    own = programs[0] / "labyrinth-datasets"
+    own.write_text(f'#!/bin/sh\nexec {python()} -W ignore -m pipeline "$@"\n', encoding="utf-8")
+    own.chmod(0o755)
     paths = sorted(EXAMPLES.glob("*.ipynb"), reverse=True)  # The longest one first.
     works = True
     with ProcessPoolExecutor(2, get_context("spawn")) as pool:

@@ -19,18 +19,10 @@ import pytest
 from support.making import Run
 
 import labyrinth_core.env  # noqa: F401
-from labyrinth_core import Dataset
+from labyrinth_core import Dataset, load_arrays, load_episodes, load_transitions
 from labyrinth_core.data import COLUMNS, SPLITS
-from labyrinth_core.data.format import OTHERS
-from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.language import SETTINGS_OF
-from labyrinth_core.pictures import (
-    COLOURS_IN_WORDS,
-    DEFAULT_STYLE,
-    OBSERVATIONS,
-    ObservationSpec,
-)
+from labyrinth_core.pictures import COLOURS_IN_WORDS, DEFAULT_STYLE, OBSERVATIONS, ObservationSpec
 from labyrinth_core.world import TILES, Labyrinth, Look, Solver, Task, sample_labyrinth
 from labyrinth_core.world.tasks import PLACEMENTS
 from pipeline.generation.labyrinths import NEW_STRUCTURES
@@ -127,7 +119,8 @@ def test_a_column_of_numbers_is_in_the_fingerprint(place: int) -> None:
 def test_a_column_of_numbers_is_loaded(small_dataset: Run) -> None:
     loaded = load_transitions(small_dataset.data_dir, "3x3", observation="vector")
     episodes = list(load_episodes(small_dataset.data_dir, "3x3", observation="vector"))
-    for column in OTHERS:
+    named = {"actions", "rewards", "episode_starts"}
+    for column in (each for each in COLUMNS.numbers if each.name not in named):
         states = [each.columns[column.name] for each in episodes]
         assert [len(each) for each in states] == [len(each) + 1 for each in episodes]
         acting = np.concatenate([each[:-1] for each in states])
@@ -147,7 +140,7 @@ def left(episode):
     to_goal = Solver(episode.labyrinth).distances
     return [to_goal[episode.labyrinth.state_index(state)] for state in episode.states]
 
-[column] = format.Columns.of(("steps_to_goal", "int32", "least moves to the goal", left))
+[column] = format.Columns.of(("least_moves", "int32", "least moves to the goal", left))
 *others, info = format.COLUMNS
 format.COLUMNS = format.Columns((*others, column, info))
 format.OTHERS = (column,)
@@ -164,12 +157,12 @@ except SystemExit as end:
     assert not end.code
 for options in ({"observation": "vector"}, {"image_size": 8, "cache_dir": f"{folder}/cache"}):
     train = load_transitions(folder, "3x3", **options)
-    left = train.columns["steps_to_goal"]
+    left = train.columns["least_moves"]
     assert left.dtype == "int32" and (left[train.terminated] == 1).all()
     assert (left[:-1] - left[1:] == 1)[~train.dones[:-1]].all()
 for episodes in (load_episodes, stream_episodes):
     for episode in episodes(folder, "3x3", observation="vector"):
-        to_goal = episode.columns["steps_to_goal"]
+        to_goal = episode.columns["least_moves"]
         assert len(to_goal) == len(episode) + 1 and to_goal[-1] == 0
 print(Dataset(folder, "3x3").fingerprint)
 """
@@ -214,6 +207,11 @@ def test_an_observation_is_that_of_one_environment_and_of_many(kind: str) -> Non
         assert np.array_equal(seen, both[0])
         seen, *_ = one.step(action)
         both, *_ = many.step(np.array([action, action]))
+
+
+def test_the_page_on_the_environment_explains_every_observation() -> None:
+    page = (ROOT / "docs" / "environment.md").read_text("utf-8")
+    assert all(f'**`"{kind}"`**' in page for kind in (*OBSERVATIONS, "state"))
 
 
 # A shift.

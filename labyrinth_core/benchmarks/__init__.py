@@ -6,10 +6,9 @@
 from labyrinth_core.benchmarks.certificate import Certificate
 from labyrinth_core.benchmarks.certification import certify
 from labyrinth_core.benchmarks.encoding import encode
-from labyrinth_core.benchmarks.errors import CertifyError
-from labyrinth_core.benchmarks.levels import Levels, Share, wilson
+from labyrinth_core.benchmarks.environment import CertifyError
+from labyrinth_core.benchmarks.levels import Levels, Share, Spread, wilson
 from labyrinth_core.benchmarks.memory import Memory
-from labyrinth_core.benchmarks.spread import Spread
 
 __all__ = [
     "Certificate",

@@ -1,44 +1,256 @@
-"""The certificate of a benchmark: its figures, and the forms in which they are kept."""
+"""The certificate of a benchmark: its figures, in words, and the forms in which they are kept."""
 
 from __future__ import annotations
 
 import json
-from dataclasses import asdict, dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.benchmarks import wording
-from labyrinth_core.benchmarks.errors import CertifyError
-from labyrinth_core.benchmarks.figures import Figures
-from labyrinth_core.benchmarks.levels import Share
-from labyrinth_core.benchmarks.records import json_lines, parquet, rows_of
+import numpy as np
+
+from labyrinth_core.benchmarks.environment import CertifyError, text_of
+from labyrinth_core.benchmarks.levels import Levels, Share, Spread, curve, percent, shared
+from labyrinth_core.benchmarks.memory import Memory
+from labyrinth_core.benchmarks.records import Split, json_lines, parquet, rows_of
 from labyrinth_core.storage import File
 
 FORMAT = 1
 """The format of a certificate's JSON."""
 
+LEVELS = ("state", "probes", "first")
+"""The measures that can tell levels apart, the best first."""
+
+FAILED_SHOWN = 5
+"""The maximum number of failed seeds of a split that are named."""
+LONGEST_SEEDS = 60
+"""The maximum length of the text of a split's seeds."""
+
+NAMES = {
+    "first": "first observation",
+    "probes": "probes",
+    "state": "state",
+    "seeds": "recorded seed",
+    "actions": "whole action sequence",
+}
+"""Measure -> what is in train."""
+
+CLAUSES = {
+    "first": "{} begin with the first observation of a training {unit}",
+    "probes": "{} cannot be told from a training {unit} along {probes}",
+    "state": "{} have the state of a training {unit}",
+    "seeds": "{} were recorded with the seed of a training {unit}",
+    "actions": "{} repeat the whole action sequence of a training {unit}",
+}
+"""Measure -> a clause about test."""
+
 
 @dataclass(frozen=True, repr=False)
-class Certificate(Figures):
+class Certificate:
     """How many levels of test are in train, how many levels there are, and what limits this.
 
     Printing it shows all figures; `sentence` is for a paper.
     """
 
+    environment: str
+    """The name of the environment, dataset or file."""
+    arguments: Mapping[str, Any]
+    """The arguments of `certify` that give this certificate again."""
+    versions: Mapping[str, str]
+    """Package -> version, of the environment's and the others that matter."""
+    train: Split
+    test: Split
+    reasons: Mapping[str, str] = field(default_factory=dict)
+    """Measure that cannot stand -> the reason."""
+    checked: str = ""
+    """Which seeds were played again, and how."""
+    notes: tuple[str, ...] = ()
+    """What limits the measures that stand."""
+    state_function: str = ""
+    """The name of the state function: minigrid, labyrinth, or that of the caller's."""
+    spread: Spread | None = None
+    """None if first observations are not arrays, or differ in size."""
+    memory: Memory | None = None
+    """None without a policy and demonstrations."""
+    unit: str = "seed"
+    """What is counted: seeds, or the episodes of a dataset."""
+
+    @cached_property
+    def measures(self) -> Mapping[str, Share]:
+        """Measure that stands -> the share of test in train: first, probes, state.
+
+        A Minari dataset has seeds, first and actions instead.
+        """
+        return {
+            measure: shared(self.train.digests[measure], self.test.digests[measure])
+            for measure in self.train.digests
+            if measure in self.test.digests and measure not in self.reasons
+        }
+
+    @property
+    def first(self) -> Share | None:
+        """Test seeds whose first observation is one of train's; None if it cannot stand."""
+        return self.measures.get("first")
+
+    @property
+    def probes(self) -> Share | None:
+        """Test seeds that the probes cannot tell from a train seed; None if it cannot stand."""
+        return self.measures.get("probes")
+
+    @property
+    def state(self) -> Share | None:
+        """Test seeds with the state of a train seed; None if unknown or if it cannot stand."""
+        return self.measures.get("state")
+
+    @cached_property
+    def levels(self) -> Levels | None:
+        """The levels of train and test together, told apart by the best measure that stands."""
+        by = next((measure for measure in LEVELS if measure in self.measures), None)
+        if by is None:
+            return None
+        new = ~np.isin(np.array(self.test.seeds), np.array(self.train.seeds))
+        digests = self.train.digests[by], self.test.digests[by][new]
+        return Levels.of(by, np.concatenate(digests), self.unit)
+
+    @cached_property
+    def curves(self) -> Mapping[str, tuple[tuple[int, int], ...]]:
+        """Measure -> pairs (m, count): test seeds that are among the first m seeds of train."""
+        return {
+            measure: curve(self.train.digests[measure], self.test.digests[measure])
+            for measure in self.measures
+        }
+
+    def disjoint(self, count: int = 1) -> list[int]:
+        """Return all test seeds whose levels are neither in train nor repeated.
+
+        Two seeds have the same level if the probes cannot tell them apart or their states are
+        equal; by their first observations only if neither probes nor states are known.
+
+        Args:
+            count: The number of seeds that are needed.
+
+        Raises:
+            CertifyError: There are fewer; the message says how many levels there are.
+        """
+        if self.levels is None:
+            reason = next(iter(self.reasons.values()), "no measure is known")
+            raise CertifyError(f"{self.environment}: no level can be told from another: {reason}")
+        by = [measure for measure in LEVELS[:2] if measure in self.measures] or [LEVELS[2]]
+        usable = np.ones(len(self.test.seeds), bool)
+        for measure in by:
+            train, test = self.train.digests[measure], self.test.digests[measure]
+            first = np.zeros(len(test), bool)
+            first[np.unique(test, return_index=True)[1]] = True
+            usable &= first & ~np.isin(test, train)
+        seeds = [seed for seed, use in zip(self.test.seeds, usable.tolist(), strict=True) if use]
+        if len(seeds) < count:
+            raise CertifyError(
+                f"{self.environment}: {len(seeds):,} of {len(usable):,} test {self.unit}s have "
+                f"levels that are neither in train nor repeated, and {count:,} are needed; "
+                f"{self.levels}"
+            )
+        return seeds
+
     @property
     def sentence(self) -> str:
         """What to write in a paper."""
-        return wording.sentence(self)
+        unit = self.unit
+        versions = ", ".join(f"{name} {value}" for name, value in self.versions.items())
+        of = self.environment + (f" ({versions})" if versions else "")
+        if not self.measures:
+            reason = next(iter(self.reasons.values()), "nothing was recorded")
+            return f"The share of test levels of {of} in train cannot be given: {reason}."
+        clauses = [
+            CLAUSES[measure].format(_counted(share), unit=unit, probes=self._probes())
+            for measure, share in self.measures.items()
+        ]
+        listed = ", ".join(clauses[:-1]) + (" and " if clauses[1:] else "") + clauses[-1]
+        splits = f"{self._split('test')} of {of}, with {self._split('train')}"
+        parts = [f"Of the {splits}, {listed}"]
+        if self.levels is not None:
+            parts.append(str(self.levels))
+        parts += [f"no share by {NAMES[measure]} can be given" for measure in self.reasons]
+        parts += self.notes
+        return "; ".join(parts) + "."
 
     @property
     def markdown(self) -> str:
         """The certificate as a Markdown section."""
-        return wording.markdown(self)
+        cells = [(a, b.replace("|", r"\|")) for a, b in self._rows()]
+        lines = [f"| {a} | {b} |" for a, b in cells]
+        table = "\n".join(["| | |", "|---|---|", *lines])
+        return f"## {self._title()}\n\n{self.sentence}\n\n{table}\n"
 
     def __repr__(self) -> str:
         """Return all figures as text."""
-        return wording.text(self)
+        lines = [*self._rows()]
+        width = max(len(label) for label, _ in lines)
+        return "\n".join([self._title(), *(f"  {a:{width}}  {b}" for a, b in lines)])
+
+    def _rows(self) -> Iterator[tuple[str, str]]:
+        """Yield the label and the text of each line of the certificate."""
+        for measure, share in self.measures.items():
+            yield NAMES[measure], f"{share} of test in train"
+        for measure, reason in self.reasons.items():
+            yield NAMES[measure], f"no share: {reason}"
+        if self.levels is not None:
+            yield "levels", str(self.levels)
+            yield "curve", self._curve(self.levels.by)
+        if (spread := self.spread) is not None:
+            yield (
+                "spread",
+                f"two first observations are {100 * spread.share:.2g}% of a value's range apart "
+                f"(of {spread.seeds:,} seeds; number of values that change: {spread.values:,})",
+            )
+        if (memory := self.memory) is not None:
+            yield "memory", f"solves {memory.memory}; {memory.known} begin like a demonstration"
+            if memory.policy is not None:
+                yield "the policy", f"solves {memory.policy}"
+            yield "random actions", f"solve {memory.random}"
+        if self.levels is not None:
+            disjoint = len(self.disjoint(0))
+            yield "disjoint", f"{disjoint:,} test {self.unit}s, neither in train nor repeated"
+        if self.checked:
+            yield f"{self.unit}s", self.checked
+        for note in self.notes:
+            yield "note", note
+        for name, split in (("train", self.train), ("test", self.test)):
+            for seed, reason in split.failed[:FAILED_SHOWN]:
+                yield "failed", f"{name} seed {seed}: {reason}"
+            if len(split.failed) > FAILED_SHOWN:
+                yield "failed", f"and {len(split.failed) - FAILED_SHOWN:,} more of {name}"
+
+    def _curve(self, by: str) -> str:
+        of = len(self.test.seeds)
+        points = [
+            f"{percent(count / of)}% with {m:,}"
+            for m, count in self.curves[by]
+            if m >= 10 or m == len(self.train.seeds)
+        ]
+        return f"of test in train, with so many train {self.unit}s: {', '.join(points)}"
+
+    def _title(self) -> str:
+        """Return the name of the environment and the sizes of its splits."""
+        splits = ", ".join(self._split(name) for name in ("train", "test"))
+        return f"{self.environment}: {splits}"
+
+    def _split(self, name: str) -> str:
+        split = self.train if name == "train" else self.test
+        seeds = text_of(split.seeds) if self.unit == "seed" else ""
+        shown = f" ({seeds})" if 0 < len(seeds) <= LONGEST_SEEDS else ""
+        count = len(split.seeds)
+        return f"{count:,} {name} {self.unit}{'' if count == 1 else 's'}{shown}"
+
+    def _probes(self) -> str:
+        """Return how the probes were made."""
+        asked = self.arguments
+        if "probes" not in asked:
+            return "the recorded probes"
+        sequences = f"{asked['probes']} random action sequence{'' if asked['probes'] == 1 else 's'}"
+        return f"{sequences} of {asked['steps']} step{'' if asked['steps'] == 1 else 's'}"
 
     @property
     def records(self) -> bytes:
@@ -103,3 +315,8 @@ class Certificate(Figures):
 
 def _share(share: Share) -> dict[str, Any]:
     return asdict(share) | {"share": share.share, "interval": [*share.interval]}
+
+
+def _counted(share: Share) -> str:
+    low, high = (percent(bound) for bound in share.interval)
+    return f"{share.count:,} ({percent(share.share)}%, 95% interval {low} to {high}%)"

@@ -15,6 +15,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.benchmarks.certificate import Certificate
+from labyrinth_core.benchmarks.environment import (
+    CertifyError,
+    Maker,
+    Seeds,
+    StateOf,
+    close,
+    evenly,
+    seeds_of,
+    state_function,
+    text_of,
+    versions_of,
+)
 from labyrinth_core.benchmarks.episodes import (
     Draw,
     Protocol,
@@ -23,14 +35,11 @@ from labyrinth_core.benchmarks.episodes import (
     action_sequences,
     look,
 )
-from labyrinth_core.benchmarks.errors import CertifyError
-from labyrinth_core.benchmarks.making import Maker, StateOf, close, state_function, versions_of
+from labyrinth_core.benchmarks.levels import MOST_SEEDS, Ranges
 from labyrinth_core.benchmarks.memory import Policy, measure_memory
 from labyrinth_core.benchmarks.minari_dataset import PREFIX, certify_minari
 from labyrinth_core.benchmarks.records import SUFFIXES, Split, read_records
 from labyrinth_core.benchmarks.repeats import CHECKED, check_seeds
-from labyrinth_core.benchmarks.seeds import Seeds, evenly, seeds_of, text_of
-from labyrinth_core.benchmarks.spread import MOST_SEEDS, Ranges
 from labyrinth_core.errors import printable
 
 CHUNK = 100

@@ -10,17 +10,18 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from labyrinth_core.benchmarks.encoding import digest, encode
-from labyrinth_core.benchmarks.errors import (
+from labyrinth_core.benchmarks.encoding import Tape, digest, encode
+from labyrinth_core.benchmarks.environment import (
     FAILURES,
     CertifyError,
     EnvironmentFailure,
+    Maker,
+    StateOf,
     called,
+    close,
     failure,
 )
-from labyrinth_core.benchmarks.making import Maker, StateOf, close
-from labyrinth_core.benchmarks.spread import Ranges
-from labyrinth_core.benchmarks.tape import Tape
+from labyrinth_core.benchmarks.levels import Ranges
 
 Draw = Callable[[np.random.Generator], Any]
 """Returns a random action of an environment without an action space that can be sampled."""

@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.benchmarks.encoding import encode
+from labyrinth_core.benchmarks.environment import CertifyError, EnvironmentFailure, called
 from labyrinth_core.benchmarks.episodes import Draw, Protocol, Stage, steps_of
-from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
 from labyrinth_core.benchmarks.levels import Share
 
 Policy = Callable[[Any], Any]

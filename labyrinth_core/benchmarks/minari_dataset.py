@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Iterator
+from importlib.metadata import version
 from typing import Any
 
 import numpy as np
 
 from labyrinth_core.benchmarks.certificate import Certificate
 from labyrinth_core.benchmarks.encoding import digest, encode
-from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
+from labyrinth_core.benchmarks.environment import CertifyError, EnvironmentFailure, called
 from labyrinth_core.benchmarks.records import Split
 
 PREFIX = "minari:"
@@ -50,7 +51,7 @@ def certify_minari(source: str, train: object, test: object) -> Certificate:
     return Certificate(
         environment=source + ("" if test is None else f" and {test}"),
         arguments=arguments,
-        versions=_versions(),
+        versions={name: version(name) for name in ("minari", "labyrinth-datasets")},
         train=_as_split(of_train, 0, reasons),
         test=_as_split(of_test, len(of_train), reasons),
         reasons=reasons,
@@ -66,12 +67,6 @@ def _share(value: object) -> float:
     if not 0 < share < 1:
         raise CertifyError(f"train={value}: give the share of the episodes that are train, as 0.8")
     return share
-
-
-def _versions() -> dict[str, str]:
-    from importlib.metadata import version
-
-    return {name: version(name) for name in ("minari", "labyrinth-datasets")}
 
 
 def _as_split(

@@ -18,7 +18,7 @@ from typing import Any
 import numpy as np
 
 from labyrinth_core.benchmarks.encoding import digest
-from labyrinth_core.benchmarks.errors import CertifyError
+from labyrinth_core.benchmarks.environment import CertifyError
 from labyrinth_core.benchmarks.levels import Digests
 
 SUFFIXES = (".jsonl", ".parquet")

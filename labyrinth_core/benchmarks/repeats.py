@@ -24,8 +24,8 @@ from unittest import mock
 import numpy as np
 
 from labyrinth_core.benchmarks.encoding import leaves
+from labyrinth_core.benchmarks.environment import CertifyError, EnvironmentFailure, called
 from labyrinth_core.benchmarks.episodes import Protocol, Stage, steps_of
-from labyrinth_core.benchmarks.errors import CertifyError, EnvironmentFailure, called
 from labyrinth_core.errors import one_line
 
 CHECKED = 8

@@ -1,41 +1,38 @@
-"""Locate a dataset, a split or some of its labyrinths, and the row groups that hold them.
+"""Find a dataset in a folder or on the Hub, a split or some of its labyrinths, and their rows.
 
 The table of labyrinths is the index: it gives the rows of each labyrinth.
 """
 
 from __future__ import annotations
 
+import fnmatch
 import hashlib
-from collections.abc import Generator, Iterable, Iterator, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Iterable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property
 from itertools import chain
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple, Self
+from posixpath import normpath
+from typing import TYPE_CHECKING, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.episodes import Episodes, WholeEpisodes, grouped, replayed
-from labyrinth_core.data.format import GROUP_BYTES, Columns
-from labyrinth_core.data.location import download, explained, local_folder
-from labyrinth_core.data.manifest import Manifest, Shard, replaced
+from labyrinth_core.data.format import GROUP_BYTES
+from labyrinth_core.data.manifest import Manifest, Shard, readable, replaced
 from labyrinth_core.data.rows import (
     Rows,
-    each_read,
+    ShardFile,
     group_ends,
-    opened,
-    opened_in_place,
     rows_together,
 )
-from labyrinth_core.data.selection import Filter as Filter
-from labyrinth_core.data.selection import Spans, Step, ends_of, select
-from labyrinth_core.data.table import table_file, table_groups
+from labyrinth_core.data.table import Filter as Filter
+from labyrinth_core.data.table import LabyrinthTable, Spans, Step, ends_of
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.remote import RemotePath
-from labyrinth_core.storage import AnyPath
+from labyrinth_core.storage import AnyPath, folder_at
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -46,59 +43,6 @@ FULL = GROUP_BYTES // 4
 
 Marks = NDArray[np.int8]
 """Per row of a shard: 0 not requested, 1 requested, 2 requested and the first of its labyrinth."""
-
-
-class ShardFile(NamedTuple):
-    """A shard, and where its file is."""
-
-    folder: AnyPath
-    """The folder of the dataset, or of what was downloaded of it."""
-    shard: Shard
-    remote: RemotePath | None = None
-    """The folder on the Hub to read the file in, if `folder` lacks it; None if it has the file."""
-
-    @property
-    def path(self) -> AnyPath:
-        """The path of the file."""
-        return (self.remote or self.folder) / self.shard.path
-
-    def opened(self) -> AbstractContextManager[ParquetFile]:
-        """Check and open the file; see `rows.opened`."""
-        if self.remote is None or (self.folder / self.shard.path).is_file():
-            return opened(self.folder, self.shard)
-        return opened_in_place(self.remote / self.shard.path, self.shard)
-
-    def rows(self, *, pictures: bool) -> Iterator[Rows]:
-        """Yield the rows, some row groups at a time.
-
-        Raises:
-            DatasetError: The shard is missing, damaged, or not the one in the manifest.
-        """
-        with self.opened() as file:
-            groups = range(file.num_row_groups)
-            yield from rows_together(file, groups, self.path, pictures=pictures)
-
-    def records(self, columns: Columns, rows: int) -> Iterator[dict[str, Any]]:
-        """Yield the rows of a file with these columns as dictionaries, reading `rows` at a time.
-
-        Raises:
-            DatasetError: The file is missing, damaged, or has other columns.
-        """
-        import pyarrow as pa
-
-        with self.opened() as file:
-            # The types in the file: some columns are read as dictionaries.
-            schema = file.schema.to_arrow_schema()
-            if not schema.equals(columns.arrow_schema(), check_metadata=False):
-                names = ", ".join(column.name for column in columns)
-                raise DatasetError(f"{self.path}: its columns are not {names}")
-            # Converted as they are read, since a text may not be UTF-8.
-            batches = map(pa.RecordBatch.to_pylist, file.iter_batches(rows))
-            yield from chain.from_iterable(each_read(batches, self.path))
-
-    def episodes(self) -> Iterator[WholeEpisodes]:
-        """Yield the episodes without pictures, some at a time; raise DatasetError as `rows`."""
-        return grouped(self.rows(pictures=False))
 
 
 @dataclass(frozen=True, eq=False)
@@ -157,7 +101,7 @@ class Part:
             except OSError:  # Reading the shard says why.
                 continue
             if size != shard.bytes:
-                with self.opened(number):  # It raises the error.
+                with self.files[number].opened():  # It raises the error.
                     pass
 
     def _marks(self, spans: Spans, number: int) -> Marks:
@@ -180,7 +124,7 @@ class Part:
             DatasetError: A shard is missing, damaged, or not the one in the manifest.
         """
         for number in np.flatnonzero(self.counts()).tolist():
-            with self.opened(number) as file:
+            with self.files[number].opened() as file:
                 groups = range(file.num_row_groups)
                 yield from self.rows_of(file, number, groups, pictures=pictures)
 
@@ -199,10 +143,6 @@ class Part:
             end = first + len(rows.actions)
             yield rows.take(np.flatnonzero(kept[first:end]))
             first = end
-
-    def replayed(self, *, pictures: bool) -> Generator[Episodes]:
-        """Yield the episodes, replayed many at a time; see `episodes.replayed`."""
-        return replayed(self.rows(pictures=pictures), self.config)
 
     def units(self, file: ParquetFile, number: int) -> tuple[list[range], NDArray[np.int64]]:
         """Divide a shard into units, the smallest runs of row groups that no episode crosses.
@@ -227,10 +167,6 @@ class Part:
     def _all(self) -> Spans:
         """All labyrinths of the split, from the table of labyrinths."""
         return replace(self.query, steps=()).spans
-
-    def opened(self, number: int) -> AbstractContextManager[ParquetFile]:
-        """Check and open a shard; see `rows.opened`."""
-        return self.files[number].opened()
 
 
 class Source:
@@ -278,13 +214,18 @@ class Source:
         folder = self.locate([shard.path for shard in shards])
         return [ShardFile(folder, shard) for shard in shards]
 
+    @property
+    def labyrinth_table(self) -> LabyrinthTable:
+        """The table of labyrinths, which is downloaded first if it is on the Hub."""
+        return LabyrinthTable(self.locate([Manifest.TABLE]), self.manifest)
+
     def table_groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Yield the row groups of the table of labyrinths; see `manifest.table_groups`."""
-        return table_groups(self.locate([Manifest.TABLE]), self.manifest, columns)
+        """Yield the row groups of the table of labyrinths; see `LabyrinthTable.groups`."""
+        return self.labyrinth_table.groups(columns)
 
     def check_table(self) -> None:
         """Raise DatasetError if the table of labyrinths is missing or damaged."""
-        with table_file(self.locate([Manifest.TABLE]), self.manifest):
+        with self.labyrinth_table.opened():
             pass  # Opening it checks it.
 
     def require_unchanged(self) -> None:
@@ -317,10 +258,8 @@ class Query:
 
     @cached_property
     def spans(self) -> Spans:
-        """The rows of the requested labyrinths; see `select`."""
-        return select(
-            self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split, self.steps
-        )
+        """The rows of the requested labyrinths; see `LabyrinthTable.select`."""
+        return self.dataset.labyrinth_table.select(self.split, self.steps)
 
     def part(self, *, in_place: bool = False) -> Part:
         """Return the split or part; only the shards that it needs are downloaded from the Hub.
@@ -344,3 +283,139 @@ class Query:
         if in_place and dataset.commit is not None:
             remote = RemotePath(f"hf://datasets/{dataset.source}@{dataset.commit}/{dataset.config}")
         return replace(part, files=[ShardFile(folder, shard, remote) for shard in shards])
+
+
+def local_folder(source: str | Path, config: str, revision: str | None) -> AnyPath | None:
+    """Return the folder with a dataset's manifest, or None for an id on the Hub.
+
+    Raises:
+        ValueError: A revision is given for a folder, or `source` or `config` has the wrong type.
+        DatasetError: The source is neither a folder nor an id, or has no such config.
+    """
+    if not isinstance(config, str):
+        raise ValueError(f"config={config!r}: give a name, such as '5x5'")
+    folder = folder_of(source)
+    if folder is None:
+        return None
+    if revision is not None:
+        raise ValueError(f"revision={revision}: {source} is a folder, which has no revisions")
+    with readable(source):
+        has_episodes = _has_episodes(folder / config)
+        is_inside = not has_episodes and (folder / Manifest.FILE).is_file()
+        held = [] if has_episodes else [*map(str, folder.glob(f"*/{Manifest.FILE}"))]
+    if is_inside:
+        raise DatasetError(
+            f"{source} is the folder of the config {folder.name}: give the folder that "
+            f"holds it, {folder.parent}"
+        )
+    if not has_episodes:
+        raise _no_config(source, config, held)
+    return folder / config
+
+
+def folder_of(source: str | Path) -> AnyPath | None:
+    """Return the folder that a source of datasets names, or None for an id on the Hub.
+
+    Raises:
+        ValueError: The source has the wrong type.
+        DatasetError: It is neither a folder nor an id.
+    """
+    try:
+        folder = folder_at(source)
+    except TypeError as error:
+        allowed = "give a folder, or an id such as user/labyrinth"
+        raise ValueError(f"source={source!r:.60}: {allowed}") from error
+    except ValueError as error:
+        raise DatasetError(str(error)) from error
+    with readable(source):
+        if folder.is_dir():
+            return folder
+    from labyrinth_core import hub
+
+    if not hub.ID.fullmatch(str(source)):
+        raise DatasetError(f"{source} is neither a folder nor an id such as user/labyrinth")
+    return None
+
+
+@contextmanager
+def explained(source: str, revision: str | None) -> Iterator[None]:
+    """Turn the errors of the Hub's client into a DatasetError, one line."""
+    from huggingface_hub.errors import RevisionNotFoundError
+
+    from labyrinth_core import hub
+
+    try:
+        yield
+    except DatasetError:
+        raise
+    except RevisionNotFoundError as error:
+        raise DatasetError(_no_revision(source, revision)) from error
+    except hub.UNAVAILABLE as error:
+        raise DatasetError(
+            f"{hub.why_unavailable(source, error)}: {hub.reason_of(error)}"
+        ) from error
+
+
+def download(source: str, config: str, files: Sequence[str], commit: str) -> Path:
+    """Download a dataset's manifest and the files that match; return the folder of the config.
+
+    Raises:
+        DatasetError: The Hub cannot provide them, or has no such config.
+    """
+    from huggingface_hub import HfApi
+
+    from labyrinth_core import hub
+
+    def downloaded(names: Iterable[str]) -> Path:
+        paths = [normpath(f"{config}/{name}") for name in names]
+        return hub.download(source, "dataset", commit, paths) / config
+
+    with explained(source, commit):
+        folder = downloaded([Manifest.FILE])
+        if not _has_episodes(folder):
+            names_on_hub = hub.repeated(
+                lambda: HfApi().list_repo_files(source, repo_type="dataset", revision=commit)
+            )
+            if f"{config}/{Manifest.FILE}" in names_on_hub:
+                raise DatasetError(
+                    f"{source}: the Hub lists {config}/{Manifest.FILE} but has it not"
+                )
+            raise _no_config(
+                source, config, (path for path in names_on_hub if path.count("/") == 1)
+            )
+        hub.require_whole(folder / Manifest.FILE)
+    if files:
+        shards = [shard.path for shard in Manifest.read(folder).shards]
+        named = (
+            fnmatch.filter(shards, pattern) if "*" in pattern else [pattern] for pattern in files
+        )
+        with explained(source, commit):
+            downloaded([*chain.from_iterable(named)])
+    return folder
+
+
+def _no_revision(source: str, revision: str | None) -> str:
+    """Return a message for a revision that a dataset on the Hub lacks, with those that it has."""
+    from huggingface_hub import HfApi
+
+    from labyrinth_core import hub
+
+    message = f"{source} has no revision {revision}"
+    try:
+        refs = hub.repeated(lambda: HfApi().list_repo_refs(source, repo_type="dataset"))
+    except hub.UNAVAILABLE:
+        return message
+    return f"{message}, it has {', '.join(ref.name for ref in (*refs.tags, *refs.branches))}"
+
+
+def _has_episodes(folder: AnyPath) -> bool:
+    return (folder / Manifest.FILE).is_file() and DatasetConfig.NAME.fullmatch(
+        folder.name
+    ) is not None
+
+
+def _no_config(source: str | Path, config: str, manifests: Iterable[str]) -> DatasetError:
+    names = (path.split("/")[-2] for path in manifests if path.endswith(f"/{Manifest.FILE}"))
+    held = sorted(filter(DatasetConfig.NAME.fullmatch, names))
+    none = f"no dataset: it has no {Manifest.FILE}, which `push_to_hub` of `datasets` leaves out"
+    return DatasetError(f"config={config}: {source} holds {', '.join(held) or none}")

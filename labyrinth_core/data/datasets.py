@@ -11,7 +11,7 @@ rows are read, because a build needs only the manifest and the table.
 
 from __future__ import annotations
 
-from collections.abc import Generator, Iterable, Iterator
+from collections.abc import Generator, Iterator
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
@@ -20,11 +20,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
-from labyrinth_core.data.dataset import Filter, Query, Source
-from labyrinth_core.data.location import folder_of
+from labyrinth_core.data.dataset import Filter, Query, Source, folder_of
+from labyrinth_core.data.dataset_config import SPLITS, is_of_train
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.selection import Step, chosen, unlike_shards
-from labyrinth_core.data.splits import SPLITS, is_of_train
+from labyrinth_core.data.table import Step, unlike_shards
 from labyrinth_core.errors import printable_line
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 from labyrinth_core.storage import AnyPath
@@ -34,9 +33,9 @@ if TYPE_CHECKING:
     import pyarrow as pa
     from gymnasium.spaces import Discrete, Space
 
-    from labyrinth_core.data.episodes import LoadedEpisode
-    from labyrinth_core.data.load import Transition, Transitions
+    from labyrinth_core.data.load import Episodes, LoadedEpisode
     from labyrinth_core.data.stream import Stream
+    from labyrinth_core.data.transitions import Transition, Transitions
     from labyrinth_core.env import LabyrinthEnv
 
 
@@ -171,12 +170,14 @@ class Dataset(Source):
     def __repr__(self) -> str:
         """Return what the dataset is, in five lines."""
         shards, about = self.manifest.shards, self.manifest.config
-        counts = (f"{split} {_labyrinths_of(self.manifest.of(split)):,}" for split in self.splits)
+        counts = (f"{split} {self[split].total_labyrinths:,}" for split in self.splits)
+        episodes = sum(shard.episodes for shard in shards)
+        steps = sum(shard.rows for shard in shards) - episodes
         return (
             f"Dataset {_named(self)}\n"
             f"  labyrinths: {about.height} x {about.width}, {about.task}\n"
             f"  splits: {', '.join(counts)}\n"
-            f"  episodes: {_episodes_of(shards):,} of {_steps_of(shards):,} steps\n"
+            f"  episodes: {episodes:,} of {steps:,} steps\n"
             f"  fingerprint: {self.fingerprint}"
         )
 
@@ -187,19 +188,24 @@ class Selection(Query):
     dataset: Dataset
 
     @property
+    def total_labyrinths(self) -> int:
+        """The number of labyrinths."""
+        if self.steps:
+            return len(self.spans[0])
+        return sum(shard.labyrinths for shard in self._shards)
+
+    @property
     def total_episodes(self) -> int:
         """The number of episodes."""
         if not self.steps:
-            return _episodes_of(self.dataset.manifest.of(self.split))
+            return sum(shard.episodes for shard in self._shards)
         return int(self._episodes.sum())
 
     @property
     def total_steps(self) -> int:
         """The number of transitions."""
-        if not self.steps:
-            return _steps_of(self.dataset.manifest.of(self.split))
-        # The last row of an episode has no action.
-        return int(self.spans[1].sum()) - self.total_episodes
+        rows = self.spans[1].sum() if self.steps else sum(shard.rows for shard in self._shards)
+        return int(rows) - self.total_episodes  # The last row of an episode has no action.
 
     @property
     def observation_space(self) -> Space[Any]:
@@ -220,7 +226,7 @@ class Selection(Query):
     def labyrinths(self) -> tuple[Labyrinth, ...]:
         """The labyrinths, in the order of the dataset."""
         held: dict[int, Labyrinth] = {}
-        for block in self.part().replayed(pictures=False):
+        for block in self.replayed():
             for number, labyrinth in zip(block.ids.tolist(), block.parsed(), strict=True):
                 held.setdefault(number, labyrinth)
         return tuple(held.values())
@@ -375,6 +381,13 @@ class Selection(Query):
 
         return LabyrinthEnv(labyrinths=self.labyrinths, **options)
 
+    def replayed(self) -> Generator[Episodes]:
+        """Yield the episodes without their pictures, replayed many at a time."""
+        from labyrinth_core.data.load import replayed
+
+        part = self.part()
+        return replayed(part.rows(pictures=False), part.config)
+
     def __len__(self) -> int:
         """Raise TypeError: episodes and steps could be meant."""
         raise TypeError("a split has no length: use total_episodes or total_steps")
@@ -385,25 +398,29 @@ class Selection(Query):
 
     def __repr__(self) -> str:
         """Return what the selection is, in five lines."""
-        count = _labyrinths_of(self.dataset.manifest.of(self.split))
-        some = f"{len(self.spans[0]):,} of {count:,}" if self.steps else f"{count:,}"
+        count = f"{self.total_labyrinths:,}"
+        if self.steps:
+            count += f" of {self.dataset[self.split].total_labyrinths:,}"
         filters: list[str] = []
         for step in self.steps:
             filters += [str(step.where)] * (step.where is not None)
             filters += [f"the first {step.keep}"] * (step.keep is not None)
         return (
             f"Selection {self.split} in {_named(self.dataset)}\n"
-            f"  labyrinths: {some}\n"
+            f"  labyrinths: {count}\n"
             f"  filter: {printable_line(', then '.join(filters)) or 'none'}\n"
             f"  episodes: {self.total_episodes:,}\n"
             f"  steps: {self.total_steps:,}"
         )
 
+    @property
+    def _shards(self) -> list[Shard]:
+        return self.dataset.manifest.of(self.split)
+
     @cached_property
     def _episodes(self) -> NDArray[np.int64]:
         """The number of episodes of each labyrinth."""
-        table = self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split
-        (counts,) = chosen(*table, self.steps, ["episodes"])
+        (counts,) = self.dataset.labyrinth_table.chosen(self.split, self.steps, ["episodes"])
         if ((counts < 1) | (counts > self.spans[1])).any():
             raise unlike_shards(self.split)
         return counts
@@ -412,16 +429,3 @@ class Selection(Query):
 def _named(dataset: Dataset) -> str:
     at = "" if dataset.revision is None else f"@{dataset.revision}"
     return printable_line(f"{dataset.config} of {dataset.source}{at}")
-
-
-def _labyrinths_of(shards: Iterable[Shard]) -> int:
-    return sum(shard.labyrinths for shard in shards)
-
-
-def _episodes_of(shards: Iterable[Shard]) -> int:
-    return sum(shard.episodes for shard in shards)
-
-
-def _steps_of(shards: Iterable[Shard]) -> int:
-    # The last row of an episode has no action.
-    return sum(shard.rows - shard.episodes for shard in shards)

@@ -14,8 +14,7 @@ from typing import ClassVar
 
 import numpy as np
 
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.splits import SPLITS
+from labyrinth_core.data.dataset_config import SPLITS, DatasetConfig
 from labyrinth_core.world import Episode, Labyrinth, LabyrinthError, Placer, Solver, Structure
 
 _PLACING, _ACTING, _DRAWING = 0, 1, 2

@@ -5,196 +5,42 @@
     transitions = load_transitions("data/labyrinth", "5x5", split="train", image_size=64)
     s, a, s_next = transitions[0]
 
-No transition crosses the end of an episode. Files, local or from the Hub, are parsed, never
-executed.
+Rows are replayed to find the labyrinth and the state of each, as arrays; labyrinths of one kind are
+parsed and replayed together. All loaders build on these arrays: they make pictures, vectors and
+texts, and the arrays of `evaluation`, from them. No transition crosses the end of an episode.
+Files, local or from the Hub, are parsed, never executed.
 """
 
 from __future__ import annotations
 
 import warnings
-from collections.abc import Generator, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, fields, replace
+from collections.abc import Generator, Iterable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import Any, Literal, NamedTuple, overload
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.cache import (
+from labyrinth_core.data.dataset import Filter, Part, Query, Source
+from labyrinth_core.data.dataset_config import DatasetConfig
+from labyrinth_core.data.format import NO_ACTION
+from labyrinth_core.data.rows import Rows, WholeEpisodes, grouped
+from labyrinth_core.data.transitions import (
     Columns,
+    Transitions,
     cached,
     joined_columns,
-    mapped,
     name_of,
     user_folder,
 )
-from labyrinth_core.data.dataset import Filter, Part, Query, Source
-from labyrinth_core.data.dataset_config import DatasetConfig
-from labyrinth_core.data.episodes import Episodes, LoadedEpisode, replayed
-from labyrinth_core.data.format import OTHERS
-from labyrinth_core.data.rows import Rows
-from labyrinth_core.errors import DatasetError
-from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.language import dump, labyrinth_id, parse, parse_many
+from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec, PictureError
+from labyrinth_core.world import Labyrinth, Labyrinths, Solver
 
-
-class Transition(NamedTuple):
-    """One step: state, action, next state."""
-
-    observation: NDArray[Any]
-    action: int
-    next_observation: NDArray[Any]
-
-
-class TransitionBatch(NamedTuple):
-    """Several steps, along the first axis of each array."""
-
-    observation: NDArray[Any]
-    action: NDArray[np.int64]
-    next_observation: NDArray[Any]
-
-
-@dataclass(frozen=True, eq=False)
-class Transitions:
-    """All transitions of a split, in order; a map-style dataset for a `DataLoader`.
-
-    Each state is stored once and shared by consecutive transitions, so all arrays are read-only.
-    Arrays from the cache are pickled as the names of their files.
-    """
-
-    frames: NDArray[Any]
-    """Observations of all states of all episodes, one after the other, shape (M, ...)."""
-    rows: NDArray[np.int64]
-    """Index in `frames` of each transition's state, shape (N,); the next state follows it."""
-    actions: NDArray[np.int64]
-    """Actions taken, shape (N,)."""
-    rewards: NDArray[np.float32]
-    """Rewards received, shape (N,)."""
-    terminated: NDArray[np.bool_]
-    """Whether the transition ends its episode on the goal or on ice, shape (N,)."""
-    labyrinth_ids: NDArray[np.int64]
-    """The id of each transition's labyrinth, shape (N,); files hold it as `f"{id:016x}"`."""
-    optimal: NDArray[np.bool_] | None = None
-    """Which of the four actions begin a shortest route, shape (N, 4); None unless requested."""
-    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
-    """The dataset's other columns (`format.OTHERS`) by name, in each transition's state, (N,)."""
-
-    def __post_init__(self) -> None:
-        own = (getattr(self, each.name) for each in fields(self) if each.name != "columns")
-        for array in (*own, *self.columns.values()):
-            if array is not None:
-                array.setflags(write=False)
-
-    def __len__(self) -> int:
-        """Return the number of transitions, N."""
-        return len(self.rows)
-
-    def __repr__(self) -> str:
-        """Return the number of transitions and labyrinths, and an observation's shape and dtype."""
-        labyrinths = len(np.unique(self.labyrinth_ids))
-        shape, kind = self.frames.shape[1:], self.frames.dtype
-        return f"Transitions({len(self)} of {labyrinths} labyrinths; observations {shape} {kind})"
-
-    @property
-    def truncated(self) -> NDArray[np.bool_]:
-        """Whether the transition ends an episode that was cut, shape (N,)."""
-        return self.dones & ~self.terminated
-
-    @property
-    def dones(self) -> NDArray[np.bool_]:
-        """Whether the transition ends its episode, terminated or truncated, shape (N,)."""
-        # After an episode's last transition, `frames` has its last state, which has no action.
-        dones: NDArray[np.bool_] = np.diff(self.rows, append=len(self.frames)) != 1
-        return dones
-
-    @property
-    def episode_indices(self) -> NDArray[np.int64]:
-        """The number of each transition's episode in the split, from 0, shape (N,)."""
-        # Each episode before it has one state more than transitions.
-        numbers: NDArray[np.int64] = self.rows - np.arange(len(self.rows))
-        return numbers
-
-    @property
-    def observations(self) -> NDArray[Any]:
-        """The observations before the actions, shape (N, ...); a new array."""
-        return self.frames.take(self.rows, axis=0)
-
-    @property
-    def next_observations(self) -> NDArray[Any]:
-        """The observations after the actions, shape (N, ...); a new array."""
-        return self.frames.take(self.rows + 1, axis=0)
-
-    @overload
-    def __getitem__(self, index: int) -> Transition: ...
-
-    @overload
-    def __getitem__(self, index: slice | Sequence[int] | NDArray[np.int64]) -> TransitionBatch: ...
-
-    def __getitem__(
-        self, index: int | slice | Sequence[int] | NDArray[np.int64]
-    ) -> Transition | TransitionBatch:
-        """Return one transition as views of `frames`, or a batch as new arrays."""
-        rows = self.rows[index]
-        if isinstance(rows, np.ndarray):
-            if rows.ndim != 1:  # As for True, None and arrays of two axes.
-                shown = " ".join(repr(index).split())
-                raise IndexError(
-                    f"index={shown:.60}: give a number, a slice, or one axis of numbers or booleans"
-                )
-            return TransitionBatch(
-                self.frames.take(rows, axis=0),
-                np.array(self.actions[index]),
-                self.frames.take(rows + 1, axis=0),
-            )
-        return Transition(self.frames[rows], int(self.actions[index]), self.frames[rows + 1])
-
-    def __getitems__(self, indices: Sequence[int]) -> list[Transition]:
-        """Return copies of several transitions; a `DataLoader` calls this for a batch.
-
-        Read-only views would make tensors that must not be written to.
-        """
-        batch = self[np.asarray(indices, np.int64)]
-        steps = zip(batch.observation, batch.action.tolist(), batch.next_observation, strict=True)
-        return [Transition(*step) for step in steps]
-
-    def __iter__(self) -> Iterator[Transition]:
-        """Yield all transitions in order."""
-        return (self[index] for index in range(len(self)))
-
-    def __reduce__(self) -> tuple[object, ...]:
-        """Return how to pickle the transitions; whole arrays of a cache become file names."""
-        sent = {name: _sent(array) for name, array in self.columns.items()}
-        return _received, (sent, *(_sent(getattr(self, each.name)) for each in fields(self)[:-1]))
-
-
-def _transitions(arrays: Columns) -> Transitions:
-    """Return the transitions of a cache's arrays."""
-    own: dict[str, Any] = dict(arrays)
-    own["columns"] = {column.name: own.pop(column.name) for column in OTHERS}
-    return Transitions(**own)
-
-
-def _sent(array: NDArray[Any] | None) -> NDArray[Any] | str | None:
-    """Return an array, or the name of its file if it is the whole array of a cache."""
-    base = None if array is None else array.base
-    if array is None or not isinstance(base, np.memmap) or base.flags.writeable:
-        return array
-    whole = (array.dtype, array.shape) == (base.dtype, base.shape) and array.flags.c_contiguous
-    return str(base.filename) if whole and str(base.filename).endswith(".npy") else array
-
-
-def _received(columns: Mapping[str, Any], *sent: Any) -> Transitions:
-    own = {name: _mapped(array) for name, array in columns.items()}
-    return Transitions(*(*map(_mapped, sent), own))
-
-
-def _mapped(sent: Any) -> Any:
-    if not isinstance(sent, str):
-        return sent
-    path = sent
-    try:
-        return mapped(path)
-    except (OSError, ValueError) as error:
-        raise DatasetError(f"{path} is gone since it was loaded: {error}") from error
+PARSED_CELLS = 2**16
+"""The cells of labyrinths that are parsed and replayed in one batch."""
 
 
 def load_transitions(  # noqa: D417
@@ -258,7 +104,7 @@ def transitions_in(
         transitions = _in_memory(part, spec)
     if not optimal:
         return transitions
-    blocks = part.replayed(pictures=False)
+    blocks = replayed(part.rows(pictures=False), part.config)
     acting = [block.optimal()[block.acting] for block in blocks]
     return replace(transitions, optimal=np.concatenate(acting))
 
@@ -272,7 +118,7 @@ def _cached(
         size = int(spec.image_size)
         name = name_of(part.config.name, split, size, (part.key(), *spec.key))
         shape = len(part), size, size, 3
-        return _transitions(cached(folder / name, shape, _observed(part, spec)))
+        return Transitions.of(cached(folder / name, shape, _observed(part, spec)))
     except OSError as error:
         reason = f"{error}; so the pictures are held in memory, as with cache_dir=False"
         warnings.warn(f"the frame cache cannot be used: {reason}", stacklevel=4)
@@ -285,7 +131,7 @@ def _in_memory(part: Part, spec: ObservationSpec) -> Transitions:
     pictures = _frames(len(part), spec.image_size) if spec.observation == "image" else None
     frames, columns = zip(*_observed(part, spec, pictures), strict=True)
     shown = np.concatenate(frames) if pictures is None else pictures
-    return _transitions({"frames": shown, **joined_columns(columns)})
+    return Transitions.of({"frames": shown, **joined_columns(columns)})
 
 
 def _frames(count: int, size: int) -> NDArray[np.uint8]:
@@ -381,3 +227,243 @@ def episodes_in(query: Query, spec: ObservationSpec) -> Generator[LoadedEpisode]
     rows = part.rows(pictures=spec.decodes)
     blocks = together(rows, spec, part.config)
     return (episode.copy() for block in blocks for episode in block.loaded(block.observed(spec)))
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class LoadedEpisode:
+    """One episode of a dataset."""
+
+    labyrinth_id: int
+    info: str
+    """The labyrinth in the text language."""
+    observations: NDArray[Any]
+    """Observations of the T + 1 states: uint8 (T + 1, size, size, 3), int32 (T + 1, length) or
+    texts (T + 1,)."""
+    actions: NDArray[np.int64]
+    """Actions taken, shape (T,)."""
+    rewards: NDArray[np.float32]
+    """Rewards received, shape (T,)."""
+    terminated: bool
+    """Whether the episode ends on the goal or on ice, instead of being cut."""
+    columns: Mapping[str, NDArray[Any]] = field(default_factory=dict)
+    """The dataset's other columns (`format.OTHERS`) by name, in each of the T + 1 states."""
+
+    @property
+    def truncated(self) -> bool:
+        """Whether the episode was cut: an episode of a dataset is terminated or truncated."""
+        return not self.terminated
+
+    @property
+    def actions_of_states(self) -> NDArray[np.int64]:
+        """The action taken in each of the T + 1 states: -1 in the last, as in the column."""
+        return np.append(self.actions, NO_ACTION)
+
+    @property
+    def beginning(self) -> tuple[int, int]:
+        """The id of the labyrinth, and the index of its first state, see `state_index`."""
+        labyrinth = parse(self.info)
+        return self.labyrinth_id, labyrinth.state_index(labyrinth.initial)
+
+    def copy(self) -> LoadedEpisode:
+        """Return the episode with arrays of its own."""
+        return LoadedEpisode(
+            self.labyrinth_id,
+            self.info,
+            self.observations.copy(),
+            self.actions.copy(),
+            self.rewards.copy(),
+            self.terminated,
+            {name: values.copy() for name, values in self.columns.items()},
+        )
+
+    def __len__(self) -> int:
+        """Return the number of transitions."""
+        return len(self.actions)
+
+    def __repr__(self) -> str:
+        """Return the number of steps, how they end, the labyrinth and what is observed."""
+        end, seen = "terminated" if self.terminated else "truncated", self.observations
+        steps = f"{len(self)} steps in {self.labyrinth_id:016x}, {end}"
+        return f"LoadedEpisode({steps}; observations {seen.shape} {seen.dtype})"
+
+
+@dataclass(frozen=True, eq=False)
+class Episodes:
+    """One or more replayed episodes, in labyrinths of one size, task and look."""
+
+    whole: WholeEpisodes
+    """The n rows of the episodes."""
+    texts: list[str]
+    """The canonical text of each labyrinth."""
+    labyrinths: Labyrinths
+    which: NDArray[np.int64]
+    """The index in `labyrinths` of each row's labyrinth, shape (n,)."""
+    states: NDArray[np.int64]
+    """The index of each row's state, as in `Labyrinth.state_index`, shape (n,)."""
+    over: NDArray[np.bool_]
+    """Whether each row's state is terminal, on the goal or on ice, shape (n,)."""
+
+    @property
+    def ids(self) -> NDArray[np.int64]:
+        """The id of each labyrinth; files hold it as the text `f"{id:016x}"`."""
+        return np.array([int(labyrinth_id(text), 16) for text in self.texts], np.int64)
+
+    @property
+    def acting(self) -> NDArray[np.bool_]:
+        """Whether an action is taken in each row: in all but the last of each episode."""
+        acting = np.ones(len(self.states), np.bool_)
+        acting[self.whole.lasts] = False
+        return acting
+
+    def parsed(self) -> list[Labyrinth]:
+        """Return the labyrinths, one by one."""
+        return [parse(text) for text in self.texts]
+
+    def take(self, episodes: slice) -> Episodes:
+        """Return consecutive episodes, with only their own labyrinths."""
+        firsts, lasts = self.whole.firsts[episodes], self.whole.lasts[episodes]
+        rows = slice(int(firsts[0]), int(lasts[-1]) + 1)
+        whole = WholeEpisodes(self.whole.rows.take(rows), firsts - rows.start, lasts - rows.start)
+        used, which = np.unique(self.which[rows], return_inverse=True)
+        return Episodes(
+            whole,
+            [self.texts[number] for number in used.tolist()],
+            self.labyrinths.take(used),
+            which,
+            self.states[rows],
+            self.over[rows],
+        )
+
+    def observed(
+        self, spec: ObservationSpec, pictures: NDArray[np.uint8] | None = None
+    ) -> NDArray[Any]:
+        """Return the observation in each row, shape (n, ...).
+
+        Args:
+            spec: How the states are observed.
+            pictures: Output array, shape (n, image_size, image_size, 3); None for a new one.
+
+        Raises:
+            DatasetError: A picture is missing or cannot be decoded.
+        """
+        if pictures is None and spec.observation == "image":
+            pictures = spec.memory(len(self.states))
+        if spec.decodes:
+            pngs = self.whole.rows.pngs
+            assert pngs is not None
+            try:
+                return spec.decoded(pngs, pictures)
+            except PictureError as error:
+                raise DatasetError(f"obs: {one_line(error)}") from error
+        if spec.of_arrays:
+            return spec.look_together(self.labyrinths, self.which, self.states, pictures)
+        parsed = self.parsed()
+        seen = zip(self.which.tolist(), self.states.tolist(), strict=True)
+        looks = spec.look([(parsed[n], parsed[n].state_at(state)) for n, state in seen])
+        if pictures is None:
+            return looks
+        pictures[:] = looks
+        return pictures
+
+    def parts(self, rows: int) -> Generator[Episodes]:
+        """Yield consecutive groups of episodes, with about `rows` rows each."""
+        number = self.whole.lasts // rows
+        begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
+        for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
+            yield self.take(slice(begin, end))
+
+    def loaded(self, observations: NDArray[Any]) -> Iterator[LoadedEpisode]:
+        """Yield the episodes one by one, given each row's observation; all arrays are views."""
+        (rows, firsts, lasts), ids = self.whole, self.ids
+        for first, last in zip(firsts.tolist(), lasts.tolist(), strict=True):
+            yield LoadedEpisode(
+                labyrinth_id=int(ids[self.which[first]]),
+                info=rows.texts[rows.info[first]],
+                observations=observations[first : last + 1],
+                actions=rows.actions[first:last],
+                rewards=rows.rewards[first:last],
+                terminated=bool(self.over[last]),
+                columns={name: of[first : last + 1] for name, of in rows.others.items()},
+            )
+
+    def optimal(self) -> NDArray[np.bool_]:
+        """Return which actions begin a shortest route in each row, shape (n, 4)."""
+        tables = np.stack([Solver(labyrinth).optimal_actions() for labyrinth in self.parsed()])
+        return tables[self.which, self.states]
+
+
+def replayed(blocks: Iterable[Rows], config: DatasetConfig | None = None) -> Generator[Episodes]:
+    """Replay rows and yield their episodes in order, many at a time.
+
+    Args:
+        blocks: The rows.
+        config: The dataset, whose size and task every labyrinth must have; None for any.
+
+    Raises:
+        DatasetError: The rows do not form episodes, or a labyrinth has another size or task; raised
+            after the episodes before that row.
+    """
+    for whole in grouped(blocks):
+        rows = whole.rows
+        # The text of a labyrinth has at least eight characters per cell.
+        together = max(1, PARSED_CELLS * 8 // (len(rows.texts[0]) + 1))
+        number = np.maximum.accumulate(rows.info[whole.firsts]) // together
+        begins = np.flatnonzero(np.diff(number, prepend=-1)).tolist()
+        for begin, end in zip(begins, [*begins[1:], len(number)], strict=True):
+            some = whole.take(slice(begin, end)) if len(begins) > 1 else whole
+            yield from _replayed(some, config)
+
+
+def _replayed(whole: WholeEpisodes, config: DatasetConfig | None) -> Generator[Episodes]:
+    """Yield the episodes all together if `_together` can, else one by one."""
+    used, which = np.unique(whole.rows.info[whole.firsts], return_inverse=True)
+    texts = [whole.rows.texts[number] for number in used.tolist()]
+    episodes = _together(whole, texts, which, config)
+    if episodes is not None:
+        yield episodes
+        return
+    for number in range(len(whole.firsts)):
+        one = whole.take(slice(number, number + 1))
+        try:
+            labyrinth = parse(one.rows.texts[one.rows.info[0]])
+            labyrinth.replay(one.rows.actions[:-1].tolist())
+        except ValueError as error:
+            reason = str(error).partition("\n")[0]
+            raise DatasetError(f"an episode cannot be replayed: {reason}") from error
+        single = _together(one, [dump(labyrinth)], np.zeros(1, np.int64), config)
+        assert single is not None
+        yield single
+
+
+def _together(
+    whole: WholeEpisodes,
+    texts: list[str],
+    which: NDArray[np.int64],
+    config: DatasetConfig | None,
+) -> Episodes | None:
+    """Replay episodes together, given labyrinth texts and the index of each episode's text.
+
+    Returns:
+        None if a text is not canonical, or an action is invalid or follows a terminal state.
+
+    Raises:
+        DatasetError: A labyrinth has another size or task than the dataset.
+    """
+    actions = whole.rows.actions
+    labyrinths = parse_many(texts)
+    if labyrinths is not None and config is not None:
+        of = labyrinths.structures
+        kind = of.height, of.width, labyrinths.task
+        if kind != (config.height, config.width, config.task):
+            raise DatasetError(
+                f"info: a labyrinth of {of.height}x{of.width}, {labyrinths.task}, in a dataset of "
+                f"{config.height}x{config.width}, {config.task}"
+            )
+    # Only the last row of an episode has NO_ACTION.
+    if labyrinths is None or ((actions < NO_ACTION) | (actions > 3)).any():
+        return None
+    replayed = labyrinths.replay(which, whole.firsts, actions)
+    if replayed is None:
+        return None
+    of_row = np.repeat(which, whole.lasts - whole.firsts + 1)
+    return Episodes(whole, texts, labyrinths, of_row, *replayed)

@@ -4,9 +4,9 @@ The manifest is written last, so a folder with a manifest is complete.
 
 What a file says of itself is compared with what was asked for when it is opened, before memory is
 taken for it. `Manifest.read` compares the dataset's name with its folder, and the rows of shards
-with their bytes; `table_file` and `rows.opened` compare a file's hash, size and footer with the
-manifest, and say whether the dataset was replaced meanwhile (`unless_replaced`). Jobs that read
-several splits end with `Dataset.require_unchanged`.
+with their bytes; `LabyrinthTable.opened` and `rows.opened` compare a file's hash, size and footer
+with the manifest, and say whether the dataset was replaced meanwhile (`unless_replaced`). Jobs that
+read several splits end with `Dataset.require_unchanged`.
 """
 
 from __future__ import annotations
@@ -22,14 +22,11 @@ from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, TypeVar, get_type_hints
 
-from labyrinth_core.data.dataset_config import DatasetConfig, check_fields
+from labyrinth_core.data.dataset_config import SPLITS, DatasetConfig, check_fields
 from labyrinth_core.data.format import GROUP_BYTES, NO_ACTION
-from labyrinth_core.data.splits import SPLITS
 from labyrinth_core.errors import DatasetError, one_line, printable
-from labyrinth_core.storage import (
-    AnyPath,
-    File,
-)
+from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.version import __version__
 
 if TYPE_CHECKING:
     from pyarrow.parquet import ParquetFile
@@ -184,21 +181,39 @@ class Manifest:
     of their own, by the suffix of their names, such as `questions`. Their shards have the names and
     fingerprints of the shards they were made from."""
 
+    @staticmethod
+    def current_versions() -> dict[str, str]:
+        """Return the versions of the installed software that determines the bytes of a dataset."""
+        import zlib
+        from importlib.metadata import version
+
+        import numpy as np
+
+        from labyrinth_core.pictures import ENCODER
+
+        return {
+            "labyrinth-datasets": __version__,
+            "numpy": np.__version__,
+            "pyarrow": version("pyarrow"),
+            "zlib": zlib.ZLIB_RUNTIME_VERSION,
+            "png": ENCODER,
+        }
+
+    @property
+    def is_of_current_versions(self) -> bool:
+        """Whether the installed software would write the same rows as the same bytes."""
+        return dict(self.versions) == Manifest.current_versions()
+
     @classmethod
     def of_build(
-        cls,
-        config: DatasetConfig,
-        versions: Mapping[str, str],
-        shards: tuple[Shard, ...],
-        *,
-        in_one_chunk: bool,
+        cls, config: DatasetConfig, shards: tuple[Shard, ...], *, in_one_chunk: bool
     ) -> Manifest:
         """Return the manifest of a new dataset, which lacks its table; see `with_table`.
 
         Its format tells whether there was one chunk of candidates.
         """
         form = FORMAT if in_one_chunk else FORMAT_OF_CHUNKS
-        return cls(config, versions, shards, format=form)
+        return cls(config, cls.current_versions(), shards, format=form)
 
     def with_table(self, path: Path) -> Manifest:
         """Return the manifest with a file as the table of labyrinths."""
@@ -365,9 +380,7 @@ def readable(name: object) -> Iterator[None]:
 
     try:
         yield
-    except (MemoryError, GeneratorExit):
-        # The files are fine. Arrow's MemoryError is an ArrowException, too; and when Python exits,
-        # it closes unfinished streams (GeneratorExit) after Arrow's names are gone.
+    except MemoryError:  # The file is fine, though Arrow's MemoryError is an ArrowException.
         raise
     except Exception as error:
         # Not imported here: without free file descriptors, the import would fail instead.

@@ -1,20 +1,35 @@
-"""Open and check shards, and read their rows as arrays."""
+"""Open and check shards, and read their rows as arrays, grouped into whole episodes."""
 
 from __future__ import annotations
 
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
+from contextlib import AbstractContextManager, ExitStack, contextmanager
 from functools import partial
 from itertools import chain, islice
+from math import fsum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from labyrinth_core.data.format import BATCH_ROWS, COLUMNS, OTHERS, values_of
-from labyrinth_core.data.manifest import AGAIN, MOST_TEXTS, Shard, mended, readable, unless_replaced
+from labyrinth_core.data.format import (
+    BATCH_ROWS,
+    COLUMNS,
+    NO_ACTION,
+    OTHERS,
+    Columns,
+    values_of,
+)
+from labyrinth_core.data.manifest import (
+    AGAIN,
+    MOST_TEXTS,
+    Shard,
+    mended,
+    readable,
+    unless_replaced,
+)
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.remote import RemotePath
 from labyrinth_core.storage import AnyPath, File
@@ -22,6 +37,7 @@ from labyrinth_core.storage import AnyPath, File
 if TYPE_CHECKING:
     import pyarrow as pa
     import pyarrow.parquet
+    from pyarrow.parquet import ParquetFile
 
 _KINDS = {"i": int, "f": float, "b": bool}
 
@@ -259,7 +275,7 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
         info = info.dictionary_encode()
     info = info.unify_dictionaries()
     texts = info.chunk(0).dictionary.to_pylist() if info.num_chunks else []
-    numbers = [chunk.indices.to_numpy() for chunk in info.chunks]
+    indices = [np.from_dlpack(chunk.indices) for chunk in info.chunks]
     pngs = None
     if pictures:
         pngs = np.empty(len(table), object)
@@ -269,11 +285,155 @@ def rows_of_table(table: pa.Table, *, pictures: bool) -> Rows:
             )
             pngs[:] = [value for chunk in obs.chunks for value in values_of(chunk)]
     return Rows(
-        columns["actions"].to_numpy().astype(np.int64),
-        columns["rewards"].to_numpy().astype(np.float32),
-        columns["episode_starts"].to_numpy(),
-        np.concatenate([np.zeros(0, np.int64), *numbers]).astype(np.int64),
+        _numbers(columns["actions"]).astype(np.int64),
+        _numbers(columns["rewards"]).astype(np.float32),
+        _numbers(columns["episode_starts"]),
+        np.concatenate([np.zeros(0, np.int64), *indices]).astype(np.int64),
         texts,
         pngs,
-        {each.name: columns[each.name].to_numpy().astype(each.dtype) for each in OTHERS},
+        {each.name: _numbers(columns[each.name]).astype(each.dtype) for each in OTHERS},
     )
+
+
+def _numbers(column: pa.ChunkedArray) -> NDArray[Any]:
+    """Return a column without nulls as an array, shape (rows,).
+
+    `to_numpy` would import pandas if it is installed, which takes longer than reading a small
+    dataset.
+    """
+    import pyarrow as pa
+
+    if pa.types.is_dictionary(column.type):
+        column = column.cast(column.type.value_type)
+    if pa.types.is_boolean(column.type):
+        return _numbers(column.cast(pa.uint8())).view(np.bool_)
+    numbers: NDArray[Any] = np.from_dlpack(column.combine_chunks())
+    return numbers
+
+
+class WholeEpisodes(NamedTuple):
+    """The rows of e whole episodes, e >= 1."""
+
+    rows: Rows
+    firsts: NDArray[np.int64]
+    """The first row of each episode, shape (e,)."""
+    lasts: NDArray[np.int64]
+    """The last row of each, which takes no action, shape (e,)."""
+
+    def each(self) -> Iterator[tuple[str, list[int], float]]:
+        """Yield the text, the actions and the return of each episode."""
+        for first, last in zip(self.firsts.tolist(), self.lasts.tolist(), strict=True):
+            text = self.rows.texts[self.rows.info[first]]
+            rewards = self.rows.rewards[first:last].tolist()
+            yield text, self.rows.actions[first:last].tolist(), fsum(rewards)
+
+    def take(self, episodes: slice | NDArray[np.bool_]) -> WholeEpisodes:
+        """Return some of the episodes."""
+        chosen = np.zeros(len(self.firsts), np.bool_)
+        chosen[episodes] = True
+        lengths = self.lasts - self.firsts + 1
+        rows = self.rows.take(np.repeat(chosen, lengths))
+        ends = np.cumsum(lengths[chosen])
+        return WholeEpisodes(rows, ends - lengths[chosen], ends - 1)
+
+
+def grouped(blocks: Iterable[Rows]) -> Iterator[WholeEpisodes]:
+    """Group blocks of rows into episodes, which may span several blocks.
+
+    Raises:
+        DatasetError: The rows do not form episodes; raised after the episodes before that row.
+    """
+    pending: Rows | None = None
+    before = 0
+    for block in blocks:
+        rows = block if pending is None else joined([pending, block])
+        ends = np.flatnonzero(rows.actions == NO_ACTION)
+        problem = _problem(rows, ends, before)
+        if problem is not None:
+            ends = ends[ends < problem[0]]
+        whole = int(ends[-1]) + 1 if len(ends) else 0
+        if whole:
+            yield WholeEpisodes(rows.take(slice(whole)), np.append(0, ends[:-1] + 1), ends)
+        if problem is not None:
+            raise DatasetError(problem[1])
+        before += whole
+        pending = rows.take(slice(whole, None)) if whole < len(rows.actions) else None
+    if pending is not None:
+        raise DatasetError("the last episode ends without its last row, actions=-1")
+
+
+def _problem(rows: Rows, ends: NDArray[np.int64], before: int) -> tuple[int, str] | None:
+    """Return the first row that breaks an episode, and why; None if all rows form episodes.
+
+    Args:
+        rows: The rows; the first must begin an episode.
+        ends: The indices of the rows without an action.
+        before: The number of rows before these.
+    """
+    begins = np.zeros(len(rows.actions), np.bool_)
+    begins[:1] = True
+    begins[ends[ends < len(begins) - 1] + 1] = True
+    starts, other = rows.episode_starts, np.diff(rows.info, prepend=rows.info[:1]) != 0
+    wrong = np.where(begins, ~starts | (rows.actions == NO_ACTION), starts | other)
+    if not wrong.any():
+        return None
+    row = int(wrong.argmax())
+    reason = ": an episode ends without its last row, actions=-1"
+    if begins[row]:
+        reason = " actions: -1 in the first row of an episode"
+        if not starts[row]:
+            reason = " episode_starts: False where an episode must begin"
+    return row, f"row {before + row}{reason}"
+
+
+class ShardFile(NamedTuple):
+    """A shard, and where its file is."""
+
+    folder: AnyPath
+    """The folder of the dataset, or of what was downloaded of it."""
+    shard: Shard
+    remote: RemotePath | None = None
+    """The folder on the Hub to read the file in, if `folder` lacks it; None if it has the file."""
+
+    @property
+    def path(self) -> AnyPath:
+        """The path of the file."""
+        return (self.remote or self.folder) / self.shard.path
+
+    def opened(self) -> AbstractContextManager[ParquetFile]:
+        """Check and open the file; see `rows.opened`."""
+        if self.remote is None or (self.folder / self.shard.path).is_file():
+            return opened(self.folder, self.shard)
+        return opened_in_place(self.remote / self.shard.path, self.shard)
+
+    def rows(self, *, pictures: bool) -> Iterator[Rows]:
+        """Yield the rows, some row groups at a time.
+
+        Raises:
+            DatasetError: The shard is missing, damaged, or not the one in the manifest.
+        """
+        with self.opened() as file:
+            groups = range(file.num_row_groups)
+            yield from rows_together(file, groups, self.path, pictures=pictures)
+
+    def records(self, columns: Columns, rows: int) -> Iterator[dict[str, Any]]:
+        """Yield the rows of a file with these columns as dictionaries, reading `rows` at a time.
+
+        Raises:
+            DatasetError: The file is missing, damaged, or has other columns.
+        """
+        import pyarrow as pa
+
+        with self.opened() as file:
+            # The types in the file: some columns are read as dictionaries.
+            schema = file.schema.to_arrow_schema()
+            if not schema.equals(columns.arrow_schema(), check_metadata=False):
+                names = ", ".join(column.name for column in columns)
+                raise DatasetError(f"{self.path}: its columns are not {names}")
+            # Converted as they are read, since a text may not be UTF-8.
+            batches = map(pa.RecordBatch.to_pylist, file.iter_batches(rows))
+            yield from chain.from_iterable(each_read(batches, self.path))
+
+    def episodes(self) -> Iterator[WholeEpisodes]:
+        """Yield the episodes without pictures, some at a time; raise DatasetError as `rows`."""
+        return grouped(self.rows(pictures=False))

@@ -25,9 +25,9 @@ from numpy.typing import NDArray
 
 from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Part, Query, Source
-from labyrinth_core.data.episodes import Episodes, LoadedEpisode
-from labyrinth_core.data.load import Transition, together
+from labyrinth_core.data.load import Episodes, LoadedEpisode, together
 from labyrinth_core.data.rows import TOGETHER
+from labyrinth_core.data.transitions import Transition
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 
 if TYPE_CHECKING:
@@ -158,7 +158,7 @@ class Reading(Generic[Item]):
             first = ends[place] - int(rows[number])
             count = 0
             if first < own.stop and ends[place] > own.start:
-                with part.opened(number) as file:
+                with part.files[number].opened() as file:
                     parts = self._parts(file, number, first, own, at)
                     count = len(parts)
                     for groups in parts[at["part"] :]:

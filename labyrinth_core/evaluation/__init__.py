@@ -16,10 +16,10 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.evaluation.description import TrainedRun as TrainedRun
     from labyrinth_core.evaluation.description import Training as Training
     from labyrinth_core.evaluation.evaluate import Evaluation as Evaluation
-    from labyrinth_core.evaluation.known import KnownDataset as KnownDataset
     from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays as LabyrinthArrays
     from labyrinth_core.evaluation.playing import Player as Player
     from labyrinth_core.evaluation.results import Results as Results
+    from labyrinth_core.evaluation.results_form import KnownDataset as KnownDataset
 else:
     __getattr__, __dir__ = door(
         __name__,
@@ -34,9 +34,9 @@ else:
                 "Training",
             ),
             "evaluate": ("Evaluation",),
-            "known": ("KnownDataset",),
             "labyrinth_arrays": ("LabyrinthArrays",),
             "playing": ("Player",),
             "results": ("Results",),
+            "results_form": ("KnownDataset",),
         },
     )

@@ -62,6 +62,9 @@ class TrainMemory:
     """The demonstrated routes."""
     actions: NDArray[np.int64]
     """The action demonstrated most often in each cell, by its surroundings, shape (cells, 16)."""
+    majority: NDArray[np.int64]
+    """The action demonstrated most often in each cell, shape (cells,); for unvisited cells, in all
+    cells."""
 
     @classmethod
     def of(cls, train: LabyrinthArrays) -> TrainMemory:
@@ -74,19 +77,11 @@ class TrainMemory:
         routes = RouteMemory(train.position[states].tolist() for states in walked)
         counts = np.zeros((train.cells, SURROUNDINGS, 4), np.int64)
         np.add.at(counts, (train.position, surroundings(train)), train.demonstrated)
-        for wider in (counts.sum(axis=0), counts.sum(axis=(0, 1))):
+        by_cell, overall = counts.sum(axis=1), counts.sum(axis=(0, 1))
+        by_cell = np.where(by_cell.any(axis=1, keepdims=True), by_cell, overall)
+        for wider in (counts.sum(axis=0), overall):
             counts = np.where(counts.any(axis=2, keepdims=True), counts, wider)
-        return cls(train, routes, counts.argmax(axis=2))
-
-    @cached_property
-    def majority(self) -> NDArray[np.int64]:
-        """The action demonstrated most often in each cell; for unvisited cells, in all cells."""
-        counts = np.zeros((self.train.cells, 4), np.int64)
-        np.add.at(counts, self.train.position, self.train.demonstrated)
-        unseen = counts.sum(axis=1) == 0
-        counts[unseen] = counts.sum(axis=0)
-        actions: NDArray[np.int64] = counts.argmax(axis=1)
-        return actions
+        return cls(train, routes, counts.argmax(axis=2), by_cell.argmax(axis=1))
 
     @cached_property
     def best_route(self) -> tuple[int, ...]:

@@ -67,8 +67,6 @@ class LabyrinthArrays:
     """Whether each action ends the episode, on the goal or on ice, shape (S, 4)."""
     optimal: NDArray[np.bool_]
     """Whether each action begins a shortest route, shape (S, 4); all False in goal and ice."""
-    demonstrated: NDArray[np.int64]
-    """How often the episodes of the dataset take each action, shape (S, 4)."""
     initial: NDArray[np.int64]
     """The state with the agent on each labyrinth's start, shape (L,)."""
     distance: NDArray[np.int64]
@@ -108,9 +106,8 @@ class LabyrinthArrays:
         """
         held: dict[int, Labyrinth] = {}
         episodes: list[tuple[Place, NDArray[np.int64]]] = []
-        part = selection.part()
         try:
-            for block in part.replayed(pictures=False):
+            for block in selection.replayed():
                 ids, (rows, firsts, lasts) = block.ids.tolist(), block.whole
                 for number, labyrinth in zip(ids, block.parsed(), strict=True):
                     held.setdefault(number, labyrinth).structure.free()
@@ -121,8 +118,7 @@ class LabyrinthArrays:
                 raise DatasetError(f"split={selection.split} has no episodes")
             return _stack(list(held.values()), list(held), episodes, spec, hold=hold)
         except MemoryError as error:
-            count = sum(each.labyrinths for each in part.shards)
-            count = count if part.spans is None else len(part.spans[0])
+            count = selection.total_labyrinths
             needed = (
                 STATE_BYTES * count * max((each.state_count for each in held.values()), default=0)
             )
@@ -174,7 +170,20 @@ class LabyrinthArrays:
             starts: The state in which each route begins, shape (routes,).
             routes: The T actions of each route, shape (T,).
         """
-        return _walk(self.next_state, starts, routes)
+        for state, actions in zip(starts.tolist(), routes, strict=True):
+            states = [state]
+            for action in actions.tolist():
+                states.append(int(self.next_state[states[-1], action]))
+            yield np.array(states)
+
+    @cached_property
+    def demonstrated(self) -> NDArray[np.int64]:
+        """How often the episodes of the dataset take each action, shape (S, 4)."""
+        counts = np.zeros(self.next_state.shape, np.int64)
+        walked = self.walk(self.route_starts, self.routes)
+        for states, actions in zip(walked, self.routes, strict=True):
+            np.add.at(counts, (states[:-1], actions), 1)
+        return counts
 
     @property
     def on_demonstration(self) -> NDArray[np.bool_]:
@@ -272,17 +281,12 @@ def _stack(
     which, state = joined["labyrinth"], joined["state"]
     looks = Looks(spec, labyrinths, which, state)
     starts = _numbers_of([beginning for beginning, _ in episodes], np.array(ids), which, state)
-    routes = tuple(actions for _, actions in episodes)
-    demonstrated = np.zeros((count, 4), np.int64)
-    for walked, actions in zip(_walk(joined["next_state"], starts, routes), routes, strict=True):
-        np.add.at(demonstrated, (walked[:-1], actions), 1)
     return LabyrinthArrays(
         observations=looks.held() if hold else looks,
-        demonstrated=demonstrated,
         initial=np.array(first),
         distance=np.array(distance),
         labyrinth_ids=np.array(ids, np.int64),
-        routes=routes,
+        routes=tuple(actions for _, actions in episodes),
         route_starts=starts,
         labyrinths=tuple(labyrinths),
         spec=spec,
@@ -294,19 +298,6 @@ def _stack(
 def _joined(parts: Sequence[dict[str, NDArray[Any]]]) -> dict[str, NDArray[Any]]:
     """Return the arrays of all parts, which are emptied."""
     return {name: np.concatenate([part.pop(name) for part in parts]) for name in list(parts[0])}
-
-
-def _walk(
-    next_state: NDArray[np.int64],
-    starts: NDArray[np.int64],
-    routes: Iterable[NDArray[np.int64]],
-) -> Iterator[NDArray[np.int64]]:
-    """Yield the states that each route visits; see `LabyrinthArrays.walk`."""
-    for state, actions in zip(starts.tolist(), routes, strict=True):
-        states = [state]
-        for action in actions.tolist():
-            states.append(int(next_state[states[-1], action]))
-        yield np.array(states)
 
 
 def _visitable(tables: Tables) -> list[int]:

@@ -60,6 +60,9 @@ EQUAL = 1e-9
 """Two excesses that differ by no more are equal, for the same reason."""
 
 
+_Shares = tuple[typed.Share, typed.Share, typed.Share, typed.Share]
+
+
 @dataclass(frozen=True)
 class Excess:
     """How much more a policy follows its own train than controls, over some states."""
@@ -100,13 +103,13 @@ class Copy:
     """The number of entries in which the vectors of the two states differ."""
     passages: tuple[tuple[typed.Count, typed.Count], ...]
     """The passages that only one of the two labyrinths has, as pairs of cells."""
-    did: tuple[typed.Share, ...]
+    did: _Shares
     """The share of each action that the policy takes in the state."""
-    shown: tuple[typed.Share, ...]
+    shown: _Shares
     """The share of the twins that show each action."""
-    consensus: tuple[typed.Share, ...]
+    consensus: _Shares
     """The mean of these shares over the controls."""
-    optimal: tuple[bool, ...]
+    optimal: tuple[bool, bool, bool, bool]
     """Whether each action begins a shortest route."""
 
 

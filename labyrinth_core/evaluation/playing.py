@@ -106,23 +106,6 @@ def play(
             running = running[first == step]
         if not running.size:
             break
-    return _results(arrays, state, moves, moved)
-
-
-def _results(
-    arrays: LabyrinthArrays,
-    state: NDArray[np.int64],
-    moves: NDArray[np.int64],
-    moved: NDArray[np.int64],
-) -> Episodes:
-    """Return the results of episodes.
-
-    Args:
-        arrays: The labyrinths.
-        state: The state in which each agent ends, shape (N,).
-        moves: Its number of steps, shape (N,).
-        moved: The last step in which it left its state, shape (N,).
-    """
     # An agent without memory that stays in a state reached it within as many steps as there are
     # states, long before half of the steps are over.
     ends = [arrays.goal[state], arrays.terminal[state], moved < arrays.step_limit / 2]
@@ -141,24 +124,6 @@ def by_state(arrays: LabyrinthArrays, start: NDArray[np.int64]) -> FirstSeen:
     ) -> NDArray[np.int64]:
         reached[states] = np.minimum(reached[states], step)
         return reached[states]
-
-    return first_seen
-
-
-def by_memory(remembered: Callable[[], NDArray[Any]], count: int) -> FirstSeen:
-    """Return when `count` agents had the same memory in the same state first.
-
-    `remembered` returns all that a policy remembers, a row for each agent.
-    """
-    reached: dict[tuple[int, int, bytes], int] = {}
-
-    def first_seen(
-        step: int, running: NDArray[np.int64], states: NDArray[np.int64]
-    ) -> NDArray[np.int64]:
-        held = memory_of(remembered, count)
-        agents = zip(running.tolist(), states.tolist(), strict=True)
-        situations = ((agent, state, held[agent].tobytes()) for agent, state in agents)
-        return np.array([reached.setdefault(each, step) for each in situations], np.int64)
 
     return first_seen
 
@@ -371,8 +336,24 @@ class Player:
         return play(arrays, choose, start=start, limit=limit, first_seen=first_seen)
 
     def _by_memory(self, count: int) -> FirstSeen | None:
-        """Return how to find situations again; None if the policy has no `remembered`."""
-        return None if self.remembered is None else by_memory(self.remembered, count)
+        """Return when `count` agents had the same memory in the same state first.
+
+        Return None if the policy has no `remembered`.
+        """
+        remembered = self.remembered
+        if remembered is None:
+            return None
+        reached: dict[tuple[int, int, bytes], int] = {}
+
+        def first_seen(
+            step: int, running: NDArray[np.int64], states: NDArray[np.int64]
+        ) -> NDArray[np.int64]:
+            held = memory_of(remembered, count)
+            agents = zip(running.tolist(), states.tolist(), strict=True)
+            situations = ((agent, state, held[agent].tobytes()) for agent, state in agents)
+            return np.array([reached.setdefault(each, step) for each in situations], np.int64)
+
+        return first_seen
 
     def require_repeatable(self, arrays: LabyrinthArrays, advice: str = ADVICE) -> None:
         """Raise a PolicyError if two calls of a policy without memory differ.

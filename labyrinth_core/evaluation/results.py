@@ -18,12 +18,10 @@ from labyrinth_core.data import SPLITS
 from labyrinth_core.errors import DatasetError, one_line, printable_line
 from labyrinth_core.evaluation.baselines import REPLANNERS, WITHOUT_LEARNING
 from labyrinth_core.evaluation.description import Description, Judgement, Origin, TrainedRun
-from labyrinth_core.evaluation.known import KnownDataset
 from labyrinth_core.evaluation.memorised import Receipt
 from labyrinth_core.evaluation.results_form import (
-    FORMAT,
-    KIND,
     Evaluated,
+    KnownDataset,
     ResultsFile,
     check_receipt,
 )
@@ -318,13 +316,10 @@ class Results:
 
     def to_json(self, method: Description) -> dict[str, Any]:
         """Return what `save` writes, in plain types."""
-        run = {} if self.run is None else {"run": asdict(self.run)}
-        judged = {} if self.judged is None else {"judged": asdict(self.judged)}
-        policy = {} if self.policy is None else {"policy": asdict(self.policy)}
-        memorised = {} if self.memorised is None else {"memorised": asdict(self.memorised)}
+        beside = {name: getattr(self, name) for name in ("run", "judged", "policy", "memorised")}
         return {
-            "kind": KIND,
-            "format": FORMAT,
+            "kind": "labyrinth-results",
+            "format": 2,
             "method": asdict(method),
             "dataset": {
                 "source": self.dataset,
@@ -333,10 +328,7 @@ class Results:
                 "fingerprint": self.fingerprint,
             },
             "evaluated": {each.name: getattr(self, each.name) for each in fields(Evaluated)},
-            **run,
-            **judged,
-            **policy,
-            **memorised,
+            **{name: asdict(each) for name, each in beside.items() if each is not None},
             "splits": {split: _described(scores) for split, scores in self.splits.items()},
             "baselines": {name: dict(by_split) for name, by_split in self.baselines.items()},
         }

@@ -1,21 +1,23 @@
-"""The form of a results file, whose figures have to follow from its episodes.
+"""What is checked of results: the form of their file, their figures, and their dataset.
 
-The file may come from anyone. A consistent file can still be invented: only playing the policy
-again shows that it is not (`replaying`).
+The file may come from anyone. Its figures have to follow from its episodes; labyrinths, known
+routes and baselines are compared with those computed from the rows of the dataset. A consistent
+file can still be invented: only playing the policy again shows that it is not.
 """
 
 from __future__ import annotations
 
 from collections.abc import Container, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import chain
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core import typed
-from labyrinth_core.data import DatasetConfig
-from labyrinth_core.evaluation.baselines import WITHOUT_LEARNING
+from labyrinth_core.data import Dataset, DatasetConfig
+from labyrinth_core.evaluation.baselines import BLIND, WITHOUT_LEARNING, TrainMemory
 from labyrinth_core.evaluation.description import (
     ConfigName,
     Description,
@@ -24,20 +26,19 @@ from labyrinth_core.evaluation.description import (
     SplitName,
     TrainedRun,
 )
+from labyrinth_core.evaluation.labyrinth_arrays import LabyrinthArrays
 from labyrinth_core.evaluation.memorised import Receipt
+from labyrinth_core.evaluation.replanner import replan
 from labyrinth_core.evaluation.scores import Episodes, Scores
-from labyrinth_core.pictures import OBSERVATIONS
-from labyrinth_core.world import Action
-
-KIND = "labyrinth-results"
-FORMAT = 2
-
-INTERVALS = {"sr_interval": "sr", "aer_interval": "aer"}
-"""Interval -> its figure. Those in a file may be of an earlier version, which resampled."""
+from labyrinth_core.pictures import OBSERVATIONS, ObservationSpec
 
 _EXACT = 1e-12
 """Figures that differ by no more than this are equal; another processor may round the last of their
 sixteen digits differently."""
+
+_CLOSE = 1e-9
+"""Figures of a baseline that differ by no more than this are equal; another processor may sum many
+probabilities in another order."""
 
 
 @dataclass(frozen=True)
@@ -87,7 +88,17 @@ class Played:
             ValueError: A list has another length, an episode is impossible, or a figure does not
                 follow; the message names it.
         """
-        self._require_lengths(episodes)
+        lists = {name: getattr(self, name) for name in ("labyrinth_ids", "distance", "known_route")}
+        for name in ("outcomes", "moves"):
+            rows = getattr(self, name)
+            if len(rows) != episodes:
+                raise ValueError(f"{name} has {len(rows)} rows, not {episodes} as episodes")
+            lists |= {f"{name}[{number}]": row for number, row in enumerate(rows)}
+        for name, each in lists.items():
+            if len(each) != self.labyrinths:
+                raise ValueError(f"{name} has {len(each)} entries, not {self.labyrinths}")
+        if len({*self.labyrinth_ids}) < self.labyrinths:
+            raise ValueError("labyrinth_ids has a labyrinth twice")
         played = Episodes.of_letters(self.outcomes, self.moves, cells)
         scores = Scores(
             played,
@@ -109,32 +120,16 @@ class Played:
                     f"{self.labyrinth_ids[number]} has {what}"
                 )
         for name, right in (scores.figures() | {"step_limit": limit}).items():
-            claimed = getattr(self, name)
-            if name not in INTERVALS:
+            claimed, inside = getattr(self, name), name.removesuffix("_interval")
+            if name == inside:
                 follows, told = _equal(claimed, right), f"but {right} follows from the outcomes"
-            else:
-                figure = getattr(self, INTERVALS[name])
+            else:  # An earlier version resampled, so its intervals are not these.
+                figure = getattr(self, inside)
                 follows = claimed[0] - _EXACT <= figure <= claimed[1] + _EXACT
-                told = f"which is not around {INTERVALS[name]}={figure}"
+                told = f"which is not around {inside}={figure}"
             if not follows:
                 raise ValueError(f"{name} is {claimed!r:.60}, {told}")
         return scores
-
-    def _require_lengths(self, episodes: int) -> None:
-        """Raise ValueError unless each list has one entry for each labyrinth."""
-        lists: list[tuple[str, Any]] = [
-            (name, getattr(self, name)) for name in ("labyrinth_ids", "distance", "known_route")
-        ]
-        for name in ("outcomes", "moves"):
-            rows = getattr(self, name)
-            if len(rows) != episodes:
-                raise ValueError(f"{name} has {len(rows)} rows, not {episodes} as episodes")
-            lists += [(f"{name}[{number}]", row) for number, row in enumerate(rows)]
-        for name, each in lists:
-            if len(each) != self.labyrinths:
-                raise ValueError(f"{name} has {len(each)} entries, not {self.labyrinths}")
-        if len({*self.labyrinth_ids}) < self.labyrinths:
-            raise ValueError("labyrinth_ids has a labyrinth twice")
 
 
 def _equal(one: Any, other: Any) -> bool:
@@ -212,8 +207,112 @@ def check_receipt(receipt: Receipt, splits: Container[str], cells: int) -> None:
         for cell in (copy.agent, *chain.from_iterable(copy.passages)):
             if cell >= cells:
                 raise ValueError(f"it.memorised: a copy is in cell {cell} of {cells}")
-        for shares in (copy.did, copy.shown, copy.consensus, copy.optimal):
-            if len(shares) != len(Action):
-                raise ValueError(
-                    f"it.memorised: a copy has {len(shares)} actions, not {len(Action)}"
-                )
+
+
+@dataclass(frozen=True, eq=False)
+class KnownSplit:
+    """The L labyrinths of a split, or its first L, with routes and baselines computed from them."""
+
+    dataset: str
+    """The name of the dataset, for messages."""
+    labyrinth_ids: NDArray[np.int64]
+    """The id of each labyrinth, shape (L,)."""
+    distance: NDArray[np.int64]
+    """Moves on a shortest route, shape (L,)."""
+    known_route: NDArray[np.bool_]
+    """As in `Scores`, shape (L,)."""
+    baselines: Mapping[str, Mapping[str, float]]
+    """Baseline -> its figures."""
+
+    @classmethod
+    def of(cls, dataset: str, arrays: LabyrinthArrays, memory: TrainMemory) -> KnownSplit:
+        """Compute the properties of a split that is observed as vectors."""
+        known, baselines = memory.figures(arrays, blind=True)
+        if arrays.labyrinths[0].task.rules.hides:
+            baselines |= replan(arrays)
+        return cls(dataset, arrays.labyrinth_ids, arrays.distance, known, baselines)
+
+    def require_same(
+        self, scores: Scores, baselines: Mapping[str, Mapping[str, float]], *, blind: bool
+    ) -> None:
+        """Compare results with the labyrinths of the split, and with its baselines.
+
+        Args:
+            scores: The scores of a policy.
+            baselines: Baseline -> its figures.
+            blind: Whether the baselines in `BLIND` are required.
+
+        Raises:
+            ValueError: Something differs; the message names it.
+        """
+        if len(scores.distance) != len(self.distance):
+            raise ValueError(
+                f"{len(scores.distance)} labyrinths, but {self.dataset} has {len(self.distance)}"
+            )
+        for name, form in (
+            ("labyrinth_ids", "{:016x}"),
+            ("distance", "{}"),
+            ("known_route", "{:d}"),
+        ):
+            claimed, right = getattr(scores, name), getattr(self, name)
+            for number in np.flatnonzero(claimed != right)[:1]:
+                told, known = form.format(claimed[number]), form.format(right[number])
+                raise ValueError(f"{name}[{number}] is {told}, but {known} in {self.dataset}")
+        for name, figures in self.baselines.items():
+            if name not in baselines and (blind or name not in BLIND):
+                raise ValueError(f"the figures of the baseline {name} are missing")
+            for figure, value in baselines.get(name, {}).items():
+                if abs(value - figures[figure]) > _CLOSE:
+                    raise ValueError(
+                        f"{figure} of {name} is {value}, but {figures[figure]} in {self.dataset}"
+                    )
+
+
+@dataclass(frozen=True, eq=False)
+class KnownDataset:
+    """A dataset in a folder or on the Hub; each split is read when it is first requested."""
+
+    data: Dataset
+    _memories: dict[int | None, TrainMemory] = field(default_factory=dict)
+    _splits: dict[tuple[str, int | None], KnownSplit] = field(default_factory=dict)
+
+    @classmethod
+    def read(cls, source: str, config: str, revision: str | None = None) -> KnownDataset:
+        """Return a dataset by its folder or its id on the Hub; see `Dataset`."""
+        return cls(Dataset(source, config, revision))
+
+    @property
+    def name(self) -> str:
+        """The folder, or the id on the Hub, and the config."""
+        return f"{self.data.source}/{self.data.config}"
+
+    @property
+    def fingerprint(self) -> str:
+        """The fingerprint of the dataset's rows."""
+        return self.data.fingerprint
+
+    def split(self, name: str, learnt: int | None = None) -> KnownSplit:
+        """Return a split's labyrinths, routes and baselines, computed from the dataset.
+
+        Args:
+            name: The name of the split.
+            learnt: The number of labyrinths, the first of train, that a policy learnt from; the
+                references know only these, and it is judged only on these. None for all.
+
+        Raises:
+            ValueError: The dataset has no such split.
+            DatasetError: The rows of the split cannot be read.
+        """
+        if name not in self.data.splits:
+            raise ValueError(f"{name}: {self.name} has no such split")
+
+        def load(split: str) -> LabyrinthArrays:
+            selection = self.data.of_first(split, learnt)
+            return LabyrinthArrays.of(selection, ObservationSpec("vector"), hold=False)
+
+        if (name, learnt) not in self._splits:
+            if learnt not in self._memories:
+                self._memories[learnt] = TrainMemory.of(load("train"))
+            known = KnownSplit.of(self.name, load(name), self._memories[learnt])
+            self._splits[name, learnt] = known
+        return self._splits[name, learnt]

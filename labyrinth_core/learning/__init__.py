@@ -15,18 +15,17 @@ if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
     from labyrinth_core.learning.learner import setting as setting
     from labyrinth_core.learning.networks.acting import TrainedPolicy as TrainedPolicy
     from labyrinth_core.learning.networks.acting import outputs_of as outputs_of
+    from labyrinth_core.learning.problem import Observations as Observations
     from labyrinth_core.learning.problem import Problem as Problem
-    from labyrinth_core.learning.steps import Observations as Observations
-    from labyrinth_core.learning.steps import Rollout as Rollout
-    from labyrinth_core.learning.steps import Steps as Steps
-    from labyrinth_core.learning.steps import roll_out as roll_out
+    from labyrinth_core.learning.problem import Rollout as Rollout
+    from labyrinth_core.learning.problem import Steps as Steps
+    from labyrinth_core.learning.problem import roll_out as roll_out
 else:  # They need PyTorch.
     __getattr__, __dir__ = door(
         __name__,
         {
             "learner": ("BaseSettings", "Learner", "setting"),
             "networks.acting": ("TrainedPolicy", "outputs_of"),
-            "problem": ("Problem",),
-            "steps": ("Observations", "Rollout", "Steps", "roll_out"),
+            "problem": ("Observations", "Problem", "Rollout", "Steps", "roll_out"),
         },
     )

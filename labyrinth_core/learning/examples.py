@@ -13,7 +13,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import lru_cache, partial
+from functools import lru_cache
 from typing import Any
 
 import numpy as np
@@ -34,7 +34,12 @@ class ExampleSampler:
     def __init__(self, arrays: LabyrinthArrays) -> None:
         """Sample from the episodes of `arrays`, which are replayed when they are drawn."""
         self._arrays = arrays
-        episode = lru_cache(KEPT_EPISODES)(partial(_replayed, arrays))
+
+        @lru_cache(KEPT_EPISODES)
+        def episode(number: int) -> Episode:
+            of = arrays.labyrinth[arrays.route_starts[number]]
+            return arrays.labyrinths[int(of)].replay(arrays.routes[number].tolist())
+
         self.episode = episode
         """Returns an episode by its number."""
         self.parts = lru_cache(KEPT_EPISODES)(lambda number: Parts(episode(number)))
@@ -75,7 +80,8 @@ class ExampleSampler:
         first, last, labyrinth = 0, len(episode), episode.labyrinth
         if relabel and (parts := self.parts(number)):
             first, last = parts[int(rng.integers(len(parts)))]
-            labyrinth = _with_ends(episode, first, last)
+            start, goal = episode.states[first].agent, episode.states[last].agent
+            labyrinth = replace(labyrinth, start=start, goal=goal)
         step = 1 if first < last else -1
         agent = first + step * int(rng.integers(abs(last - first)))
         state = episode.states[agent]
@@ -92,19 +98,9 @@ class ExampleSampler:
         return (labyrinth, state), rows
 
 
-def _replayed(arrays: LabyrinthArrays, number: int) -> Episode:
-    labyrinth = arrays.labyrinths[int(arrays.labyrinth[arrays.route_starts[number]])]
-    return labyrinth.replay(arrays.routes[number].tolist())
-
-
 def _action(episode: Episode, index: int, step: int) -> int:
     """Return the action in a state of an episode, or for `step` -1 the one that undoes the last."""
     return int(episode.actions[index] if step > 0 else (episode.actions[index - 1] + 2) % 4)
-
-
-def _with_ends(episode: Episode, first: int, last: int) -> Labyrinth:
-    start, goal = episode.states[first].agent, episode.states[last].agent
-    return replace(episode.labyrinth, start=start, goal=goal)
 
 
 class Parts(Sequence[tuple[int, int]]):

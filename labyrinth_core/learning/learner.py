@@ -21,14 +21,16 @@ from torch.optim import Adam
 from labyrinth_core.checks import Checks
 from labyrinth_core.evaluation import LabyrinthArrays
 from labyrinth_core.learning.networks.acting import BATCH, NetworkPolicy, outputs_of
-from labyrinth_core.learning.networks.network import ACTIONS, Network, usual_defaults
-from labyrinth_core.learning.problem import Problem
+from labyrinth_core.learning.networks.network import ACTIONS, MOMENTUM, Network, usual_defaults
+from labyrinth_core.learning.problem import Observations, Problem, parts_of
 from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
-from labyrinth_core.learning.steps import parts_of
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 
 Acting = Callable[[NDArray[Any]], NDArray[np.float32]]
 """A policy as a function from B observations to the scores of the four actions, shape (B, 4)."""
+
+SETTLED_BY = 256
+"""The batch size of `settle`, on which the statistics depend."""
 
 
 def setting(default: Any, meaning: str, *, at_least: float = 0, at_most: float = inf) -> Any:
@@ -295,3 +297,22 @@ class Learner(ABC):
             self.descend(optimizer, loss)
             total += loss.item() * len(batch)
         return total / len(labels)
+
+
+def settle(network: nn.Module, observations: Observations) -> None:
+    """Compute batch normalisation's running statistics, and switch to evaluation mode.
+
+    For methods that train in evaluation mode, where the statistics of a fresh network would keep
+    their initial values. The observations are on the network's device.
+    """
+    normalising = [each for each in network.modules() if isinstance(each, nn.BatchNorm2d)]
+    for layer in normalising:
+        layer.reset_running_stats()
+        layer.momentum = None  # The mean over all batches, weighted equally.
+    network.train()
+    with torch.no_grad():
+        for states in parts_of(len(observations), SETTLED_BY):
+            network(observations[states])
+    for layer in normalising:
+        layer.momentum = MOMENTUM
+    network.eval()

@@ -105,7 +105,8 @@ class GraphPolicy:
         if len(inputs) != 1 or len(outputs) != 1:
             self._refuse(f"it has {len(inputs)} inputs and {len(outputs)} outputs, not one of each")
         (_, seen, shape), (_, answered, scores) = inputs[0], outputs[0]
-        pictures, vectors = _are_pictures(seen, shape), _are_vectors(seen, shape)
+        pictures = _are_pictures(seen, shape)
+        vectors = seen in TYPES and seen != "tensor(uint8)" and len(shape) == 2
         if not (pictures or vectors) or type(shape[0]) is int:
             self._refuse(
                 f"its input is {seen} of shape {shape}: give uint8 or float of shape [batch, "
@@ -194,8 +195,3 @@ def _are_pictures(kind: str, shape: list[int | str | None]) -> bool:
         return False
     _, height, width, channels = shape
     return type(height) is int and 1 <= height <= PICTURE_SIZE and (width, channels) == (height, 3)
-
-
-def _are_vectors(kind: str, shape: list[int | str | None]) -> bool:
-    """Return whether an input takes vectors."""
-    return kind in TYPES and kind != "tensor(uint8)" and len(shape) == 2

@@ -201,20 +201,16 @@ def _in_folder(path: Path) -> dict[str, Path]:
         held = {path.name for path in path.iterdir()}
         if RunRecord.FILE in held and not held.intersection((PolicySpec.WEIGHTS, GRAPH)):
             RunRecord.read(path)  # It says what to do with a run of an earlier version.
-        return {name: path / name for name in _kind(str(path), held)}
+        for names in _KINDS:
+            if held >= set(names):
+                return {name: path / name for name in names}
+        raise _no_policy(str(path))
     if path.suffix != ".onnx":
         raise DatasetError(
             f"{path} is neither a folder nor an ONNX graph, such as {GRAPH}: a policy in Python "
             "is module:name"
         )
     return {GRAPH: path}
-
-
-def _kind(source: str, held: set[str]) -> tuple[str, ...]:
-    for names in _KINDS:
-        if held >= set(names):
-            return names
-    raise _no_policy(source)
 
 
 def _no_policy(source: str) -> DatasetError:

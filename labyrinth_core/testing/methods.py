@@ -23,8 +23,26 @@ LABYRINTHS = 8
 SAVED = "networks, optimizers, NumPy arrays and numbers"
 
 
-def check_method(method: Any, settings: Any, height: int, width: int, task: Task) -> None:
-    """Check the promises; see `labyrinth_core.testing.check_method`."""
+def check_method(
+    method: Any,
+    settings: Any = None,
+    *,
+    height: int = 3,
+    width: int = 3,
+    task: str = Task.NAVIGATION,
+) -> None:
+    """Check that a method of learning keeps its promises.
+
+    Args:
+        method: The class, which inherits from `Learner`.
+        settings: An object of its `Settings`; None for their defaults, with two epochs.
+        height: Rows of the labyrinths to learn from.
+        width: Columns of these labyrinths.
+        task: The task of these labyrinths.
+
+    Raises:
+        AssertionError: A promise is broken; the message says which.
+    """
     assert isclass(method), "A method is a class."
     assert issubclass(method, Learner), "A method inherits from labyrinth_core.learning.Learner."
     assert not isabstract(method), "A method has a function epoch(self)."
@@ -36,7 +54,7 @@ def check_method(method: Any, settings: Any, height: int, width: int, task: Task
     for each in fields(declared):
         assert "checks" in each.metadata, f"The setting {each.name} is declared with setting(...)."
     settings = replace(declared(), epochs=2) if settings is None else settings
-    learner, again = (_trained(method, settings, height, width, task) for _ in range(2))
+    learner, again = (_trained(method, settings, height, width, Task(task)) for _ in range(2))
     same = all(
         torch.equal(one, other)
         for one, other in zip(

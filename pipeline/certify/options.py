@@ -5,10 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 
-from pipeline.config.errors import check
-from pipeline.config.option import option
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job, Stage
+from pipeline.config import Job, Stage, WorkOptions, check, option
 
 
 @dataclass(frozen=True)

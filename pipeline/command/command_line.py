@@ -1,13 +1,22 @@
-"""The command line as Hydra reads it: the schema, the text of `--help`, and errors in one line."""
+"""The command line as Hydra reads it: the schema, `--help`, texts as typed, errors in one line.
+
+Texts stay as typed: `revision=1.10` is not the number 1.1, nor `evaluation.name=true` a boolean.
+Hydra reads such values as numbers or booleans. `as_given` therefore reads the options once more,
+from the overrides that Hydra kept, with quotation marks around the values of options that are
+texts. A sweep hands each run a value that it has read already; `QuoteSweptTexts`, a callback of
+Hydra, puts the quotation marks there before.
+"""
 
 from __future__ import annotations
 
 import re
 import shlex
 from argparse import Namespace
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
+from copy import deepcopy
 from dataclasses import field, fields, is_dataclass, make_dataclass
 from functools import cache, partial
+from pathlib import Path
 from textwrap import TextWrapper
 from typing import Any, ClassVar, cast, get_args, get_origin, get_type_hints
 
@@ -15,15 +24,16 @@ import hydra
 from hydra._internal.utils import get_args_parser
 from hydra.core.config_search_path import ConfigSearchPath
 from hydra.core.config_store import ConfigStore
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.core.plugins import Plugins
 from hydra.errors import MissingConfigException, OverrideParseException
+from hydra.experimental.callback import Callback
 from hydra.plugins.search_path_plugin import SearchPathPlugin
-from omegaconf import DictConfig, OmegaConf
+from omegaconf import DictConfig, OmegaConf, read_write
 
 from pipeline.command.composed import ALL, CONF, DEFAULTS, KINDS, OPTIONS, SECTIONS, usual_settings
 from pipeline.command.stages import STAGES
-from pipeline.config.errors import ConfigError, as_typed, check, listed, no_option
-from pipeline.config.training import METHODS
+from pipeline.config import ConfigError, TrainingOptions, as_typed, check, frozen
 
 HYDRA: dict[str, Any] = {"version_base": "1.3"} if hydra.__version__ < "1.4" else {}
 """The `version_base` for Hydra: 1.3 warns if it is missing, 1.4 warns if it is given."""
@@ -45,6 +55,15 @@ several is '[a,b]', and null stands for no value:
 --cfg job prints the values that a command line gives; --hydra-help, the flags
 of Hydra itself.
 """
+
+
+_WORD = re.compile(
+    # A quoted value is a text already, and range(...) is a function of numbers.
+    r"""'(?:\\.|[^'\\])*'|"(?:\\.|[^"\\])*"|\w+\([^)]*\)"""
+    r"|(?P<before>(?:^|[\[({,])\s*(?:(?P<key>\w+)\s*:\s*)?)(?P<word>[\w.+-]+)(?=\s*(?:[])},]|$))",
+    re.ASCII,
+)
+"""A one-word value in Hydra's grammar; or a quoted text or a call, which stay as they are."""
 
 
 @cache
@@ -206,19 +225,24 @@ def _no_option(name: str) -> str:
     """Return the message about an option that does not exist: its likely name, or those known."""
     group, _, _ = name.rpartition(".")
     known = [each for each in OPTIONS if group and each.startswith(f"{group}.")]
-    message = no_option(name, known or OPTIONS)
-    if known or "did you mean" in message:
+    message = str(ConfigError.no_option(name, known or OPTIONS))
+    if known or "did you mean" in message or "no longer" in message:
         return message
-    if any(name in usual_settings(method) for method in METHODS):
+    if any(name in usual_settings(method) for method in TrainingOptions.METHODS):
         return f"{name} is not an option: did you mean method.{name}?"
     return f"{name} is not an option: --help lists the options"
 
 
-def refusal(error: Exception) -> str:
-    """Return one line that explains why Hydra refused a command line."""
+def refusal(error: Exception, folders: Iterable[str] = ()) -> str:
+    """Return one line that explains why Hydra refused a command line.
+
+    Args:
+        error: The error.
+        folders: The user's folders of configurations.
+    """
     if isinstance(error, MissingConfigException) and error.missing_cfg_file and error.options:
         group, _, chosen = error.missing_cfg_file.partition("/")
-        return f"{group}={chosen}: choose one of {listed(error.options)}"
+        return f"{group}={chosen}: choose one of [{', '.join(error.options)}]"
     text = str(error.__cause__ or error)
     unknown = re.search(r"(?:Could not override|Key) '([^'=]*)'", f"{error} {text}")
     if unknown and unknown[1] in OPTIONS:
@@ -247,11 +271,101 @@ def refusal(error: Exception) -> str:
     field_name = re.search(r"full_key: (\S+)", text)
     message = " ".join(text.partition("full_key")[0].split())
     if not field_name:
-        return message
+        return _fault_of_file(str(error), folders) or message
     kind = KINDS.get(field_name[1])
     kinds = {kind, *get_args(kind)}
+    if get_origin(kind) is dict:
+        return f"{field_name[1]}: a file chooses it in its defaults, as `- {field_name[1]}: bc`"
     if get_origin(kind) is tuple:
         what = "a list"
     else:
         what = "a whole number" if int in kinds else "a number" if float in kinds else "one text"
     return f"{field_name[1]}: give {what} ({message})"
+
+
+def _fault_of_file(message: str, folders: Iterable[str]) -> str | None:
+    """Return which value in a user's file Hydra cannot merge, which its message does not say.
+
+    Args:
+        message: The message, which begins with the name of the file.
+        folders: Where the file may lie.
+    """
+    name = re.match(r"In '(.*?)': ", message)
+    for path in (Path(folder, f"{name[1]}.yaml") for folder in folders if name):
+        if path.is_file():
+            values: Any = OmegaConf.to_container(OmegaConf.load(path))
+            own = {
+                key: value
+                for key, value in values.items()
+                if key not in ("defaults", "hydra", "method") and "${" not in str(value)
+            }
+            try:
+                frozen(ALL, own)
+            except ConfigError as error:
+                return f"{error} (in {path})"
+    return None
+
+
+def quote_texts(override: str) -> str:
+    """Return an override, `name=value`, with each text in quotes that Hydra would read otherwise.
+
+    The declared type of the option tells which values are texts.
+    """
+    parts = re.fullmatch(r"(\+{0,2}([\w.]+)=)(.*)", override, re.DOTALL)
+    if parts is None:
+        return override
+    start, name, value = parts.groups()
+    parser = OverridesParser.create()
+
+    def in_quotes(match: re.Match[str]) -> str:
+        before, key, word = match["before"], match["key"], match["word"]
+        kind = KINDS.get(f"{name}.{key}" if key else name)
+        several, text = kind == tuple[str, ...], kind in (str, str | None)
+        if word is None or not (several or text):
+            return match[0]
+        read = parser.parse_rule(word, "primitive")
+        # OmegaConf converts a number to a text, but not in a list.
+        if read is None or (str(read) == word and (text or isinstance(read, str))):
+            return match[0]
+        return f'{before}"{word}"'
+
+    # Inside choice(), Hydra strips the quotation marks and reads a number after all.
+    return start + _WORD.sub(in_quotes, re.sub(r"^choice\((.+)\)$", r"\1", value))
+
+
+def overrides_of(hydra: Any) -> list[str]:
+    """Return the overrides of a run or a sweep as they were typed, from Hydra's configuration."""
+    kept: Any = OmegaConf.to_container(hydra.overrides.task, resolve=False)
+    return list(kept)
+
+
+def as_given(config: DictConfig, overrides: Iterable[str]) -> DictConfig:
+    """Return a configuration whose texts are those of its overrides, character by character.
+
+    Args:
+        config: The configuration that Hydra composed.
+        overrides: The overrides that it was composed from, as Hydra kept them.
+    """
+    typed = [*overrides]
+    quoted = [*map(quote_texts, typed)]
+    if quoted == typed:
+        return config
+    config = deepcopy(config)
+    groups = {name.partition(".")[0] for name in KINDS if "." in name}
+    for each in OverridesParser.create().parse_overrides(quoted):
+        name = each.key_or_group
+        # `method=bc` and `export=minari` choose a file; `export={...}` has values.
+        has_texts = KINDS.get(name, dict[str, Any]) != dict[str, Any] or (
+            name in groups and isinstance(each.value(), dict)
+        )
+        if has_texts and not each.is_delete():
+            OmegaConf.update(config, name, each.value(), merge=True)
+    return config
+
+
+class QuoteSweptTexts(Callback):
+    """Quotes the texts among the overrides of a sweep, before its sweeper reads them."""
+
+    def on_multirun_start(self, config: DictConfig, **_: Any) -> None:
+        with read_write(config.hydra.overrides):
+            config.hydra.overrides.task = [*map(quote_texts, overrides_of(config.hydra))]

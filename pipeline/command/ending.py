@@ -10,11 +10,12 @@ from collections.abc import Callable
 from types import FrameType
 from typing import NoReturn
 
-from pipeline.machinery.workers import GOES_ON
-
 _FAULTS = ("ENOSPC", "EDQUOT", "EFBIG", "EROFS", "EIO", "ESTALE", "ENOTCONN", "ETIMEDOUT")
 FAULTS_OF_DISKS = frozenset(getattr(errno, each) for each in _FAULTS if hasattr(errno, each))
 """Error numbers of disks and network folders, which are not bugs of the program."""
+
+GOES_ON = "run the same command again to resume"
+"""Advice for an interrupted command, whose finished work is kept."""
 
 PATIENCE = 10
 """Seconds that stages have to clean up after an interruption."""

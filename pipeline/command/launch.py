@@ -1,13 +1,15 @@
-"""Run a command line of the program: one run, or a Hydra sweep of several."""
+"""Run a command line of the program, one run or a Hydra sweep, and suggest the next one."""
 
 from __future__ import annotations
 
 import os
+import shlex
 import sys
 import traceback
 from argparse import Namespace
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import fields
 from functools import partial
 from importlib import import_module
 from pathlib import Path
@@ -29,29 +31,38 @@ from pipeline.command.command_line import (
     HYDRA,
     Folders,
     arranged,
+    as_given,
     help_text,
+    overrides_of,
     parsed,
     refusal,
     register,
     shown,
     shows_job,
 )
-from pipeline.command.composed import CONF, GROUPS, as_file, names_in, options_of, resolve, unused
+from pipeline.command.composed import (
+    CONF,
+    GROUPS,
+    KINDS,
+    SHARED,
+    as_file,
+    names_in,
+    options_of,
+    resolve,
+    unused,
+)
 from pipeline.command.ending import (
     FAULTS_OF_DISKS,
+    GOES_ON,
     answer_signals,
     end_interrupted,
     end_without_output,
     interrupt,
     show_start,
 )
-from pipeline.command.hints import next_command
 from pipeline.command.stages import STAGES
-from pipeline.command.texts import as_given, overrides_of
-from pipeline.config.errors import ConfigError
-from pipeline.machinery.console import say, say_once
-from pipeline.machinery.executor import cluster
-from pipeline.machinery.workers import GOES_ON
+from pipeline.config import ConfigError, Job, as_typed
+from pipeline.machinery import cluster, say
 
 INTRODUCTION = """Maze datasets for imitation learning. The usual commands, in order:
 
@@ -84,20 +95,35 @@ def run_command() -> int:
     quiet = (os.environ.get("PYTHONWARNINGS"), "ignore:resource_tracker:UserWarning")
     os.environ["PYTHONWARNINGS"] = ",".join(filter(None, quiet))
     os.environ["HYDRA_FULL_ERROR"] = "1"  # Hydra then raises; we print the one line that counts.
+    folders: list[str] = []
     try:
-        _launch()
+        namespace = parsed(sys.argv[1:])
+        # Hydra would read every file of every group first.
+        if namespace.help and not namespace.hydra_help:
+            print(help_text())
+            return 0
+        folders += filter(None, (namespace.config_dir, namespace.config_path))
+        register()
+        sys.argv[1:] = arranged(sys.argv[1:], namespace)
+        own = namespace.config_dir and namespace.config_name
+        Folders.first = str(Path(namespace.config_dir).absolute()) if own else None
+        task = partial(_show, namespace) if shows_job(namespace) else perform
+        with _composed_once(namespace):
+            hydra.main(**HYDRA, config_path=str(CONF), config_name="config")(task)()
     except RunError:
         return 1
     except YAMLError as error:
         _explain(one_line(error))
     except (HydraException, OmegaConfBaseException, ConfigError) as error:
-        _explain(refusal(error))
+        _explain(refusal(error, folders))
     except OSError as error:
         if error.filename is None:
             raise
         _explain(f"{error.filename}: {error.strerror}")  # The folder of a sweep.
     except ValueError as error:
-        if not _is_raised_by_hydra(error):
+        # Of a command line that Hydra cannot use; else it is a bug.
+        *_, (last, _) = traceback.walk_tb(error.__traceback__)
+        if last.f_globals["__name__"].partition(".")[0] not in ("hydra", "omegaconf"):
             raise
         _explain(f"invalid options: {one_line(error)}")
     else:
@@ -105,25 +131,10 @@ def run_command() -> int:
     return 1
 
 
-def _launch() -> None:
-    """Let Hydra read the command line, and run `perform` or, for `--cfg job`, print its options."""
-    namespace = parsed(sys.argv[1:])
-    # Hydra would read every file of every group first.
-    if namespace.help and not namespace.hydra_help:
-        print(help_text())
-        return
-    register()
-    sys.argv[1:] = arranged(sys.argv[1:], namespace)
-    own = namespace.config_dir and namespace.config_name
-    Folders.first = str(Path(namespace.config_dir).absolute()) if own else None
-
-    def show(config: DictConfig) -> None:
-        config = as_given(config, overrides_of(HydraConfig.get()))
-        print(shown(config, namespace.package, namespace.resolve), end="")
-
-    task = show if shows_job(namespace) else perform
-    with _composed_once(namespace):
-        hydra.main(**HYDRA, config_path=str(CONF), config_name="config")(task)()
+def _show(namespace: Namespace, config: DictConfig) -> None:
+    """Print a configuration, for `--cfg job`."""
+    config = as_given(config, overrides_of(HydraConfig.get()))
+    print(shown(config, namespace.package, namespace.resolve), end="")
 
 
 @contextmanager
@@ -145,35 +156,50 @@ def _composed_once(namespace: Namespace) -> Iterator[None]:
         Hydra.get_mode = asked  # type: ignore[method-assign]
 
 
-def _is_raised_by_hydra(error: Exception) -> bool:
-    """Return whether an error is about a command line that Hydra cannot use, and not a bug."""
-    frames = [frame for frame, _ in traceback.walk_tb(error.__traceback__)]
-    return frames[-1].f_globals["__name__"].partition(".")[0] in ("hydra", "omegaconf")
-
-
 def perform(config: DictConfig) -> float | None:
-    """Run the stages of one run, and return its objective; see `_outcome`.
+    """Run the stages of one run, and return what a sweep may maximise.
+
+    That is the success rate on validation of a run that trains; None for other runs.
 
     Raises:
         RunError: A run of a sweep failed; after an exception, the sweep goes on with the others.
         SystemExit: A single run failed. It printed its error, and Hydra shall print none.
     """
     try:
-        return _outcome(config)
+        overrides = overrides_of(HydraConfig.get())
+        options, jobs = _jobs(config, overrides)
+        modules = {stage: import_module(STAGES[stage].module) for stage in jobs}
+        for stage, job in jobs.items():  # A later stage refuses before the first one begins.
+            getattr(modules[stage], "refuse", lambda _: None)(job)
+        answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
+        show_start(started=True)
+        objective: float | None = None
+        with cluster(options.executor, options.workers):
+            for stage, job in jobs.items():
+                result = modules[stage].run(job)
+                objective = objective if result is None else result
+        *_, (stage, job) = jobs.items()
+        match STAGES[stage].next_step(job, [*jobs]):
+            case (line,):
+                say(line)
+            case (added, purpose):
+                if line := next_command(options, added, purpose, overrides, _flags()):
+                    say(line)
     except Exception as error:
         reason = _explained(error)
+    else:
+        return objective
     print(printable(reason), file=sys.stderr)
     if HydraConfig.get().mode == RunMode.MULTIRUN:
         raise RunError(reason)
     raise SystemExit(1)
 
 
-def _outcome(config: DictConfig) -> float | None:
-    """Run the stages of one run, and return what a sweep may maximise.
+def _jobs(config: DictConfig, overrides: Sequence[str]) -> tuple[Any, Mapping[str, Job[Any]]]:
+    """Return all options of a run, and the job of each of its stages.
 
-    That is the success rate on validation of a run that trains; None for other runs.
+    Options that no requested stage uses are named on the terminal.
     """
-    overrides = overrides_of(HydraConfig.get())
     typed = names_in(overrides)
     try:
         config = as_given(config, overrides)
@@ -182,27 +208,9 @@ def _outcome(config: DictConfig) -> float | None:
         raise ConfigError(refusal(error)) from error
     if lost := unused(typed, options):
         users = (f"{name} (for {', '.join(stages)})" for name, stages in lost.items())
-        say_once(f"No requested stage uses {'; '.join(users)}.")
+        say(f"No requested stage uses {'; '.join(users)}.", once=True)
     named = not {"size", "task"}.isdisjoint(typed)
-    jobs = resolve(options, names_dataset=named, composed=partial(as_file, config))
-    modules = {stage: import_module(STAGES[stage].module) for stage in jobs}
-    for stage, job in jobs.items():  # A later stage refuses before the first one begins.
-        getattr(modules[stage], "refuse", lambda _: None)(job)
-    answer_signals(interrupt)  # Not before: imported modules may swallow the exception.
-    show_start(started=True)
-    objective = None
-    with cluster(options.executor, options.workers):
-        for stage, job in jobs.items():
-            result = modules[stage].run(job)
-            objective = objective if result is None else result
-    *_, (stage, job) = jobs.items()
-    match STAGES[stage].next_step(job, [*jobs]):
-        case (line,):
-            say(line)
-        case (added, purpose):
-            if line := next_command(options, added, purpose, overrides, _flags()):
-                say(line)
-    return objective
+    return options, resolve(options, names_dataset=named, composed=partial(as_file, config))
 
 
 def _flags() -> list[str]:
@@ -256,3 +264,47 @@ def _answer_swallowed(ignored: Any) -> None:
 
 def _explain(reason: str) -> None:
     print(f"error: {printable(reason)}", file=sys.stderr)
+
+
+def next_command(
+    options: Any, added: str, purpose: str, overrides: Iterable[str], flags: Iterable[str] = ()
+) -> str:
+    """Return the line that suggests a command, without the options that its stages do not use.
+
+    Args:
+        options: All options of the command that has run.
+        added: The options of the next command: `stages=` with names, then others.
+        purpose: What it is for.
+        overrides: The overrides of the command line, each as `name=value`.
+        flags: The flags of the command line that choose the configuration.
+    """
+    first, *more = added.split()
+    # The wing of a stage may have been taken out.
+    stages = [each for each in first.removeprefix("stages=").split(",") if each in STAGES]
+    if not stages:
+        return ""
+    more.insert(0, f"stages=[{','.join(stages)}]" if len(stages) > 1 else f"stages={stages[0]}")
+    used = {each.name for stage in stages for each in fields(STAGES[stage].options)} | SHARED
+    used -= {"overwrite", *(each.partition("=")[0] for each in more)}
+    names = {each: each.lstrip("+~").partition("=")[0] for each in overrides}
+    kept = [
+        _resolved(each, name, options)
+        for each, name in names.items()
+        if name.partition(".")[0] in used or name.partition(".")[0] not in GROUPS
+    ]
+    if not any(each.startswith("size=") for each in kept):
+        kept = [as_typed("size", options.size), *kept]
+    script = Path(sys.argv[0]).name == "run.py"
+    program = f"python {shlex.quote(sys.argv[0])}" if script else "labyrinth-datasets"
+    words = [program, *map(shlex.quote, flags), *kept, *map(shlex.quote, more)]
+    return f"Next, to {purpose}: {' '.join(words)}"
+
+
+def _resolved(override: str, name: str, options: Any) -> str:
+    """Return an override as typed, with its option's value, in which no reference is left."""
+    group, _, key = name.rpartition(".")
+    if group == "method" and key in options.method:
+        return as_typed(name, options.method[key])
+    if name == "method" or name not in KINDS:
+        return shlex.quote(override)
+    return as_typed(name, getattr(getattr(options, group) if group else options, key))

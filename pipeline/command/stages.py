@@ -5,7 +5,7 @@ To take a wing out, delete its folder, its tests and its name here.
 
 from importlib import import_module
 
-from pipeline.config.stage import Stage
+from pipeline.config import Stage
 
 WINGS = (
     "generation",

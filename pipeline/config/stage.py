@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, Generic, TypeVar
 from labyrinth_core.data import DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import AnyPath, File
-from pipeline.config.errors import ConfigError, as_typed, check
+from pipeline.config.declaration import ConfigError, as_typed, check
 
 if TYPE_CHECKING:
     from labyrinth_core.data import Dataset
@@ -113,7 +113,7 @@ class Stage:
     module: str
     """The module with `run(job)`, and perhaps `refuse(job)`, called before any stage runs."""
     options: type
-    """The dataclass of the options that the stage is given; see `pipeline.config.option`."""
+    """The dataclass of the options that the stage is given; see `pipeline.config.declaration`."""
     check: Callable[[Job[Any], Sequence[str]], None] = _accept
     """Raises a ConfigError if an option is invalid, or does not fit the requested stages."""
     headings: Mapping[str, type] = field(default_factory=dict)

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pipeline.config.export import ExportOptions
-from pipeline.config.options import SourceOptions, WorkOptions
-from pipeline.config.stage import Stage
+from pipeline.config import ExportOptions, SourceOptions, Stage, WorkOptions
 
 
 @dataclass(frozen=True)

@@ -21,7 +21,7 @@ def built(config: DatasetConfig, data_dir: Path, workers: int = 1) -> Dataset:
         workers: The number of processes.
     """
     from labyrinth_core.data import Dataset
-    from pipeline.config.stage import Job
+    from pipeline.config import Job
     from pipeline.generation.build import build
     from pipeline.generation.options import BuildOptions
 

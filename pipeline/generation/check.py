@@ -3,7 +3,7 @@
 The build's functions make the rows from the structure in their text or, in a split with a parent,
 from the structures in the parent's shard. The file must hold these rows: byte for byte if the
 libraries are those of the manifest, else pixel for pixel. The table of labyrinths must hold the
-facts that follow from them. Each labyrinth must keep the rules in `rules`. No structure may occur
+facts that follow from them. Each labyrinth must keep the rules of its split. No structure may occur
 twice in splits without a parent. The number of labyrinths must be the configured one.
 """
 
@@ -22,9 +22,7 @@ from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifes
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.listing import is_litter
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.version import build_versions
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job
+from pipeline.config import Job, WorkOptions
 from pipeline.generation.check_rows import (
     CheckJob,
     Problem,
@@ -43,10 +41,8 @@ from pipeline.generation.table import (
     read_schema,
     table_part,
 )
-from pipeline.inspection.companions import Companion
-from pipeline.inspection.counts import routes_of
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.executor import ordered_map
+from pipeline.inspection import Companion, routes_of
+from pipeline.machinery import ordered_map, say, tracked
 
 PROBLEMS_SHOWN = 20
 
@@ -111,9 +107,10 @@ def validate(data: Dataset, workers: int = 1) -> list[str]:
         problems.append(f"{shifts}: not compared with train, which cannot be read: {error}")
     jobs = list(_jobs(data, comparable, train))
     reports = tracked(
-        ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
+        ordered_map(check_shard, jobs, workers),
         "validate",
-        total=sum(shard.rows for shard in manifest.shards),
+        sum(shard.rows for shard in manifest.shards),
+        lambda report: report.shard.rows,
     )
     listed = {Manifest.TABLE, *(shard.path for shard in manifest.shards)}
     unlisted = sorted({path.name for path in data.folder.glob("*.parquet")} - listed)
@@ -203,7 +200,7 @@ def _miscounted(manifest: Manifest) -> Iterator[str]:
 def _jobs(data: Dataset, with_table: bool, train: Train) -> Iterator[CheckJob]:
     """Yield the job of each shard; a labyrinth with a parent has the parent's number."""
     manifest = data.manifest
-    same_bytes = dict(manifest.versions) == build_versions()
+    same_bytes = manifest.is_of_current_versions
     splits, table_row = manifest.config.splits, 0
     files_of: dict[str, list[ShardFile]] = {split: [] for split in splits}
     for file in data.files():

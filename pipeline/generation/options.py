@@ -5,17 +5,14 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.config.errors import check
-from pipeline.config.option import option
-from pipeline.config.options import ResultsFolderOption, RunFolderOption, WorkOptions
-from pipeline.config.stage import Job, Stage
+from pipeline.config import Job, ResultFolderOptions, Stage, WorkOptions, check, option
 
 DESCRIBE = "stages=validate,analyse,card", "check every row and describe the dataset"
 """What to do after a build, and why."""
 
 
 @dataclass(frozen=True)
-class BuildOptions(WorkOptions, RunFolderOption, ResultsFolderOption):
+class BuildOptions(WorkOptions, ResultFolderOptions):
     """How much of a dataset is built, on what, and where files may refer to it."""
 
     grow: bool = option(

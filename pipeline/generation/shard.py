@@ -25,10 +25,8 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.language import dump
 from labyrinth_core.pictures import StatePictures
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.version import build_versions
 from labyrinth_core.world import Episode, Labyrinth
-from pipeline.generation.candidates import Records, unpack
-from pipeline.generation.labyrinths import Solution, numbered_labyrinths
+from pipeline.generation.labyrinths import Records, Solution, numbered_labyrinths, unpack
 from pipeline.generation.table import (
     FACTS,
     Content,
@@ -97,7 +95,7 @@ class ShardJob:
         """A hash of everything that determines the bytes of the shard."""
         options = self.config.to_json()
         config = {name: options[name] for name in options.keys() - {"labyrinths", "shifts"}}
-        of_all = sorted(config.items()), build_versions()
+        of_all = sorted(config.items()), Manifest.current_versions()
         parts = of_all, self.split, self.first, self.structures.tobytes()
         return hashlib.sha256(repr(parts).encode()).hexdigest()
 

@@ -18,10 +18,7 @@ from labyrinth_core.storage import (
     AnyPath,
     File,
 )
-from labyrinth_core.version import build_versions
-from pipeline.machinery.artifact import Ownership, differences, named
-from pipeline.machinery.folders import within
-from pipeline.machinery.sums import HASHES, Sums
+from pipeline.machinery import Ownership, Sums, within
 
 _CONFIG = "config.json"
 _SHARD = re.compile(rf"({'|'.join(SPLITS)})-\d{{5,}}-of-\d{{5,}}\.parquet", re.ASCII)
@@ -81,8 +78,8 @@ class Workplace:
         files with the names of a dataset's files count as listed.
         """
         own = Sums.read(self.folder, overwrite=True)
-        names = {path.name for path in Ownership(own).unfinished([Manifest.ANALYSIS, HASHES])}
-        names |= {name for name, _ in own.hashes if own.has(name)} | {HASHES}
+        names = {path.name for path in Ownership(own).unfinished([Manifest.ANALYSIS, Sums.FILE])}
+        names |= {name for name, _ in own.hashes if own.has(name)} | {Sums.FILE}
         all_shards = not self._whole.is_replaced_at_once and self.has_begun
         try:
             manifest = Dataset.at(self.folder, renamed=True).manifest
@@ -136,7 +133,7 @@ class Workplace:
             (self.folder / Manifest.FILE).unlink(
                 missing_ok=True
             )  # It does not describe the new shards.
-            for name in [] if same else sorted(self._recorded(), key=HASHES.__eq__):
+            for name in [] if same else sorted(self._recorded(), key=Sums.FILE.__eq__):
                 (self.folder / name).unlink(missing_ok=True)
         if not same:
             self.clear()
@@ -168,7 +165,7 @@ class Workplace:
 
     def _refuse_another(self, config: DatasetConfig, parts: int | None) -> None:
         """Raise a DatasetError that names the differences from the build that has begun."""
-        differing = differences(self._begun(), _content(config, parts or self.parts))
+        differing = Sums.differences(self._begun(), _content(config, parts or self.parts))
         cure = "overwrite=true without part to start again"
         if parts is not None and self.is_for(config):
             cure = f"overwrite=true to go on in {parts} parts"
@@ -242,13 +239,14 @@ class Workplace:
 
 def _content(config: DatasetConfig, parts: int | None = None) -> dict[str, Any]:
     """Return everything that determines the shards of a build, and the number of its parts."""
-    return {**config.to_json(), **build_versions(), "parts": parts}
+    return {**config.to_json(), **Manifest.current_versions(), "parts": parts}
 
 
 def _refuse(folder: AnyPath, others: Sequence[AnyPath]) -> None:
     """Raise DatasetError if any of `others`, which are not ours, is a user's file."""
     if names := sorted(path.name for path in others if not is_litter(path.name)):
+        more = f" and {len(names) - 3} more" if len(names) > 3 else ""
         raise DatasetError(
-            f"{folder} holds {named(names)}, which would be lost and does not belong to a dataset: "
-            "move it elsewhere, or choose another data_dir"
+            f"{folder} holds {', '.join(names[:3])}{more}, which would be lost and does not belong "
+            "to a dataset: move it elsewhere, or choose another data_dir"
         )

@@ -19,6 +19,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from rich.box import SIMPLE_HEAD
+from rich.table import Column, Table
 
 from labyrinth_core.data import SPLITS
 from labyrinth_core.language import labyrinth_id
@@ -30,10 +32,13 @@ from pipeline.inspection.near_twins import (
     nearest,
     passage_table,
 )
-from pipeline.machinery.markdown import count
+from pipeline.machinery import count
 
 NEAR = range(1, JOINED_WALLS + 1)
 """The distances in walls within which near twins are counted."""
+
+LEAKS_SHOWN = 10
+"""The maximum number of leaks of one kind printed in the terminal."""
 
 ROUTES = 1_000
 """The maximum number of optimal routes compared per labyrinth."""
@@ -290,6 +295,65 @@ class Leakage:
             spread = each.spread(self.certificate.labyrinths[each.pair.second])
             pairs.append(values | {"within": within, "spread": spread})
         return vars(self.certificate) | {"pairs": pairs, "cut": self.cut}
+
+    def table(self, *, with_routes: bool) -> Table:
+        """Return a table of the counts of each pair of splits, for the terminal."""
+        walls = [f"{walls}\nwall{'s' * (walls > 1)}" for walls in NEAR]
+        headings = ("of", "equal", "mirrored", "turned", *walls, "same\nroute", "nearest")
+        table = Table(
+            "splits",
+            *(Column(heading, justify="right") for heading in headings),
+            title="leakage: labyrinths of the second split with a counterpart in the first",
+            caption="nearest: walls to the nearest structure of the first, minimum and median",
+            box=SIMPLE_HEAD,
+            padding=0,
+        )
+        for each in self.pairs:
+            pair, of = each.pair, self.certificate.labyrinths[each.pair.second]
+            counts = [of, len(pair.equal), len(pair.mirrored), len(each.symmetric)]
+            counts += [each.within(walls) for walls in NEAR]
+            table.add_row(
+                f"{pair.first}, {pair.second}",
+                *(f"{count:,}" for count in counts),
+                f"{len(each.same_route):,}" if with_routes else "-",
+                each.spread(of),
+            )
+        return table
+
+    def lines(self, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+        """Yield a line for each leak, at most `LEAKS_SHOWN` of a kind."""
+        problems = [*self._shared(files), *self.certificate.problems_of_splits()]
+        if problems:
+            yield "Leakage:"
+            yield from problems
+        else:
+            yield "Leakage: no structure is in two splits, and none is repeated."
+            yield f"Mirrored with start and goal kept: none.{self._turned()}"
+        if self.cut:
+            yield f"{self.cut:,} labyrinths have too many optimal routes to compare all of them"
+
+    def _turned(self) -> str:
+        """Say how many structures of each split are rotated or reflected ones of another split."""
+        by_first: dict[str, list[str]] = {}
+        for each in self.pairs:
+            if each.symmetric:
+                counts = by_first.setdefault(each.pair.first, [])
+                counts.append(f"{len(each.symmetric):,} of {each.pair.second}")
+        told = "; ".join(f"{' and '.join(counts)} in {first}" for first, counts in by_first.items())
+        return f"\nTurned: {told}." if by_first else " Turned: none."
+
+    def _shared(self, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
+        def named(split: str, number: str) -> str:
+            return files[split][number] if files else f"{split} {number}"
+
+        for pair in self.certificate.pairs:
+            mirrored = {key: pair.mirrored[key] for key in pair.mirrored if key not in pair.equal}
+            for shared, relation in ((pair.equal, "the structure"), (mirrored, "a mirror image")):
+                for number, other in list(shared.items())[:LEAKS_SHOWN]:
+                    twin = named(pair.first, other)
+                    yield f"{named(pair.second, number)} has {relation} of {twin}"
+                if len(shared) > LEAKS_SHOWN:
+                    yield f"and {len(shared) - LEAKS_SHOWN:,} more of {pair.second}"
 
 
 def find_leakage(

@@ -1,6 +1,5 @@
 """The stage `analyse`."""
 
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Stage
+from pipeline.config import Stage, WorkOptions
 
 STAGES = {"analyse": Stage("pipeline.inspection.analyse", WorkOptions, is_default=True)}

@@ -22,8 +22,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from pipeline.inspection.counts import Content
 from pipeline.inspection.near_twins import passage_table
+from pipeline.inspection.statistics import Content
 
 Floats = NDArray[np.float64]
 Statistic = Callable[[Floats, Floats], Floats]

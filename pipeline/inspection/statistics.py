@@ -1,83 +1,279 @@
-"""The statistics of a dataset: counts, certificate of disjointness, and analysis.
+"""Counts of a dataset's rows, from its episodes read without their pictures.
 
-The card and the report count the shards, and read the `analysis.json` that the stage `analyse`
-writes in the dataset's folder.
+The counts are sums over each split, and numbers for each labyrinth. One pass over a shard computes
+all of them, with the labyrinths of one shard in memory. The certificate of disjointness follows
+from the same pass.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, replace
+from collections import Counter
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from functools import partial
-from typing import Annotated, Any, TypedDict
+from itertools import chain
+from typing import Any, ClassVar, NamedTuple
 
-from labyrinth_core import typed
-from labyrinth_core.data import Dataset, Manifest
+import numpy as np
+from numpy.typing import NDArray
+
+from labyrinth_core.data import Dataset, DatasetConfig, Manifest, Shard, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
-from labyrinth_core.storage import AnyPath, File
-from pipeline.inspection import front_matter
-from pipeline.inspection.counts import Content, SplitCounts, count_shard
+from labyrinth_core.language import parse
+from labyrinth_core.storage import AnyPath
+from labyrinth_core.world import Action, Labyrinth, LabyrinthError, Solver
 from pipeline.inspection.leakage import Certificate, Keys, certify
-from pipeline.machinery.console import tracked
-from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.sums import HASHES, Sums
-
-MOST_NAMED = 20
-"""The maximum number of shared labyrinths listed per pair of splits and kind."""
-KINDS = ("equal", "mirrored", "symmetric", "same_route")
-"""The ways in which two labyrinths can match."""
-
-_Split = Annotated[str, typed.Like(r"\w{1,99}")]
-_Id = Annotated[str, typed.Like("[0-9a-f]{16}")]
-_Within = TypedDict("_Within", {"1": typed.Count, "2": typed.Count, "3": typed.Count})
+from pipeline.machinery import ordered_map, tracked
 
 
-class _Both(TypedDict):
-    first: _Split
-    second: _Split
+class Route(NamedTuple):
+    """The route of one episode."""
+
+    labyrinth: Labyrinth
+    is_first: bool
+    """Whether it is the labyrinth's first route."""
+    solver: Solver
+    """The labyrinth, solved."""
+    states: Sequence[int]
+    """The T + 1 states visited, as `Labyrinth` numbers them: modulo the cells, the agent's cell."""
+    actions: Sequence[int]
+    """The T actions taken."""
+    returned: float
+    """The sum of the episode's rewards."""
 
 
-class _Pair(_Both):
-    equal: Mapping[_Id, _Id]
-    mirrored: Mapping[_Id, _Id]
-    symmetric: Mapping[_Id, _Id]
-    same_route: Mapping[_Id, _Id]
-    within: _Within
-    spread: Annotated[str, typed.Like(r"[\w., -]{0,99}")]
+def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Route]:
+    """Yield the routes of episodes.
+
+    Args:
+        episodes: The text, the actions and the return of each, grouped by labyrinth.
+
+    Raises:
+        DatasetError: A text does not describe a labyrinth, or an action is not one of the four.
+    """
+    before = None
+    for text, actions, returned in episodes:
+        is_first = text != before
+        if is_first:
+            before = text
+            try:
+                labyrinth = parse(text)
+            except LabyrinthError as error:
+                raise DatasetError(one_line(error)) from error
+            solver = Solver(labyrinth)
+        for action in (min(actions, default=0), max(actions, default=0)):
+            if not 0 <= action < len(Action):
+                raise DatasetError(f"{action} is not an action")
+        states = [labyrinth.start]
+        for action in actions:
+            states.append(solver.table[states[-1]][action])
+        yield Route(labyrinth, is_first, solver, states, actions, returned)
 
 
-class _Measure(_Both):
-    measure: Annotated[str, typed.Like(r"\w[\w ]{0,99}")]
-    labyrinths: tuple[typed.Count, typed.Count]
-    distance: Annotated[float, typed.Within(0)]
-    effect: float | None
-    p_value: typed.Share
-    corrected: typed.Share
+def routes_of(file: ShardFile) -> Iterator[Route]:
+    """Yield the routes of a shard, reading one row group at a time.
+
+    Raises:
+        DatasetError: The file is missing or damaged, or its rows do not form episodes.
+    """
+    try:
+        yield from routes(episode for group in file.episodes() for episode in group.each())
+    except DatasetError as error:
+        if str(file.path) in str(error):  # From `ShardFile.rows`.
+            raise
+        raise DatasetError(f"{file.path} cannot be read: {one_line(error)}") from error
 
 
-class _Leakage(TypedDict):
-    labyrinths: Mapping[_Split, typed.Count]
-    repeated: Mapping[_Split, typed.Count]
-    strangers: Mapping[_Split, list[_Id]]
-    pairs: list[_Pair]
+class Example(NamedTuple):
+    """A labyrinth of a split with its first episode."""
+
+    labyrinth: Labyrinth
+    actions: tuple[int, ...]
 
 
-class _Shift(TypedDict):
-    permutations: typed.Count
-    measures: list[_Measure]
+@dataclass(frozen=True, eq=False)
+class SplitCounts:
+    """The counts of a split or of a shard."""
+
+    actions: NDArray[np.int64]
+    """How often each action is taken, shape (4,)."""
+    visits: NDArray[np.int64]
+    """Rows with the agent in each cell, shape (height, width), row 0 at the bottom."""
+    labyrinths: int
+    lengths: Counter[int]
+    """Number of moves -> number of episodes."""
+    moves: Counter[int]
+    """Number of moves of a shortest route -> number of labyrinths."""
+    loops: Counter[int]
+    """Passages beyond those of a tree (passages - cells + 1) -> number of labyrinths."""
+    junctions: Counter[int]
+    """Number of cells with three or four passages -> number of labyrinths."""
+    returned: float
+    """The sum of all rewards."""
+    choices: int
+    """The number of optimal actions, summed over the states in which an action is taken."""
+    optimal: int
+    """The number of actions taken that are optimal."""
+    examples: list[Example]
+    """The first `EXAMPLES` labyrinths, for pictures."""
+    EXAMPLES: ClassVar[int] = 5
+
+    @property
+    def episodes(self) -> int:
+        """The number of episodes."""
+        return self.lengths.total()
+
+    @property
+    def rows(self) -> int:
+        """The number of rows, one for each state of an episode."""
+        return int(self.visits.sum())
+
+    @property
+    def longest(self) -> int:
+        """The number of moves of the longest episode."""
+        return max(self.lengths)
+
+    @property
+    def mean_moves(self) -> float:
+        """The mean number of moves of an episode."""
+        return int(self.actions.sum()) / self.episodes
+
+    @property
+    def mean_return(self) -> float:
+        """The mean return of an episode."""
+        return self.returned / self.episodes
+
+    @property
+    def mean_loops(self) -> float:
+        """The mean number of loops of a labyrinth."""
+        return sum(loops * count for loops, count in self.loops.items()) / self.labyrinths
+
+    @property
+    def mean_choices(self) -> float:
+        """The mean number of optimal actions per state in which an action is taken."""
+        return self.choices / int(self.actions.sum())
+
+    @property
+    def optimal_share(self) -> float:
+        """The share of the actions that are optimal."""
+        return self.optimal / int(self.actions.sum())
+
+    @property
+    def action_shares(self) -> NDArray[np.float64]:
+        """The share of each action, shape (4,)."""
+        shares: NDArray[np.float64] = self.actions / self.actions.sum()
+        return shares
+
+    def __add__(self, other: SplitCounts) -> SplitCounts:
+        """Return the counts of this part of a split and the next part together."""
+        names = [each.name for each in fields(self)]
+        both = SplitCounts(**{name: getattr(self, name) + getattr(other, name) for name in names})
+        return replace(both, examples=both.examples[: self.EXAMPLES])
 
 
-class _Analysis(TypedDict):
-    """The parts of `analysis.json` that the card and the report use."""
+@dataclass(frozen=True, eq=False)
+class Content:
+    """The labyrinths of a split, in order, each with counts over all its episodes."""
 
-    leakage: _Leakage
-    shift: _Shift
+    labyrinths: tuple[Labyrinth, ...]
+    moves: NDArray[np.int64]
+    """The number of moves of a shortest route, shape (labyrinths,)."""
+    actions: NDArray[np.int64]
+    """How often each action is taken, shape (labyrinths, 4)."""
+    visits: NDArray[np.int64]
+    """States with the agent in each cell, shape (labyrinths, height, width)."""
+
+    @classmethod
+    def joined(cls, parts: Sequence[Content]) -> Content:
+        """Return the content of consecutive shards."""
+        labyrinths, *arrays = zip(*(vars(part).values() for part in parts), strict=True)
+        return cls(tuple(chain.from_iterable(labyrinths)), *map(np.concatenate, arrays))
 
 
-class _Made(TypedDict):
-    """What `analysis.json` was made from."""
+class Counted(NamedTuple):
+    """The results of one pass over a shard."""
 
-    fingerprint: Any
+    counts: SplitCounts
+    keys: Keys
+    content: Content
+
+
+def count_routes(routes: Iterable[Route], size: tuple[int, int]) -> Counted:
+    """Return the counts of episodes.
+
+    Args:
+        routes: The routes of the episodes, grouped by labyrinth.
+        size: The height and the width of all their labyrinths.
+    """
+    labyrinths: list[Labyrinth] = []
+    examples: list[Example] = []
+    moves, actions, visits = [], [], []
+    lengths: Counter[int] = Counter()
+    returned, choices, optimal = 0.0, 0, 0
+    cells = size[0] * size[1]
+    for route in routes:
+        if route.is_first:
+            labyrinths.append(route.labyrinth)
+            moves.append(route.solver.moves)
+            actions.append(np.zeros(len(Action), np.int64))
+            visits.append(np.zeros(cells, np.int64))
+            best = route.solver.optimal_actions()
+            if len(examples) < SplitCounts.EXAMPLES:
+                examples.append(Example(route.labyrinth, tuple(route.actions)))
+        taken = np.array(route.actions, np.int64)
+        states = np.array(route.states)
+        actions[-1] += np.bincount(taken, minlength=len(Action))
+        visits[-1] += np.bincount(states % cells, minlength=cells)
+        choices += int(best[states[:-1]].sum())
+        optimal += int(best[states[:-1], taken].sum())
+        lengths[len(taken)] += 1
+        returned += route.returned
+    content = Content(
+        tuple(labyrinths),
+        np.array(moves, np.int64),
+        np.array(actions, np.int64).reshape(-1, len(Action)),
+        np.array(visits, np.int64).reshape(-1, *size),
+    )
+    counts = SplitCounts(
+        actions=content.actions.sum(axis=0),
+        visits=content.visits.sum(axis=0),
+        labyrinths=len(labyrinths),
+        lengths=lengths,
+        moves=Counter(moves),
+        loops=Counter(each.structure.loops for each in labyrinths),
+        junctions=Counter(each.structure.junctions for each in labyrinths),
+        returned=returned,
+        choices=choices,
+        optimal=optimal,
+        examples=examples,
+    )
+    return Counted(counts, Keys.of(labyrinths), content)
+
+
+def _of_size(size: tuple[int, int], routes: Iterable[Route], path: AnyPath) -> Iterator[Route]:
+    """Yield routes; raise DatasetError if one is in a labyrinth that does not have the size."""
+    expected = f"{size[0]}x{size[1]}"
+    for route in routes:
+        if (held := route.labyrinth.size_name) != expected:
+            raise DatasetError(f"{path} cannot be read: a labyrinth is {held}, not {expected}")
+        yield route
+
+
+def count_shard(size: tuple[int, int], file: ShardFile) -> Counted:
+    """Return the counts of one shard.
+
+    Raises:
+        DatasetError: The file is missing or damaged, or differs from its manifest.
+    """
+    counted = count_routes(_of_size(size, routes_of(file), file.path), size)
+    counts, shard = counted.counts, file.shard
+    found = (counts.labyrinths, counts.episodes, counts.rows)
+    if found != (shard.labyrinths, shard.episodes, shard.rows):
+        raise DatasetError(
+            f"{file.path} holds {found[0]} labyrinths, {found[1]} episodes and "
+            f"{found[2]} rows, but its manifest has other counts: overwrite=true rebuilds it"
+        )
+    return counted
 
 
 @dataclass(frozen=True, eq=False)
@@ -89,7 +285,7 @@ class DatasetStatistics:
     """The counts of each split, in the order of the table of splits."""
     certificate: Certificate
     analysis: Mapping[str, Any] | None = None
-    """The result of `read_analysis`."""
+    """The result of `analyse.read_analysis`."""
 
     @property
     def manifest(self) -> Manifest:
@@ -107,37 +303,15 @@ class DatasetStatistics:
         return sum(counts.rows for counts in self.splits.values())
 
 
-def statistics_of(data_dir: AnyPath, stage: str, workers: int = 1) -> list[DatasetStatistics]:
-    """Return the statistics of all finished datasets of a folder, the smallest first.
-
-    Args:
-        data_dir: The folder.
-        stage: The name to show beside the progress bar.
-        workers: The number of processes that read shards.
-
-    Raises:
-        DatasetError: The folder has no finished dataset, or a dataset, its manifest or its
-            analysis is missing or damaged.
-    """
-    manifests = front_matter.finished(data_dir)
-    if lacking := front_matter.without_manifest(data_dir):
-        advice = "move it away, and build it again if you want it back"
-        raise DatasetError(f"{lacking[0]} is a dataset without its {Manifest.FILE}: {advice}")
-    if not manifests:
-        raise DatasetError(f"{data_dir} holds no finished dataset: stages=build makes one")
-    datasets = []
-    for manifest in manifests:
-        data = Dataset.at(data_dir / manifest.config.name, manifest)
-        analysis = read_analysis(data)
-        datasets.append(replace(count_dataset(data, workers, stage), analysis=analysis))
-    return datasets
+_counted_last: dict[tuple[DatasetConfig, tuple[Shard, ...]], DatasetStatistics] = {}
+"""The dataset that this process counted last, so that `card` need not count it after `analyse`."""
 
 
 def count_dataset(
     data: Dataset,
     workers: int = 1,
     stage: str = "count",
-    keep: Callable[[str, Content], None] = lambda *_: None,
+    keep: Callable[[str, Content], None] | None = None,
 ) -> DatasetStatistics:
     """Return the statistics of a dataset, counted in its shards, without the analysis.
 
@@ -145,70 +319,39 @@ def count_dataset(
         data: The dataset.
         workers: The number of processes.
         stage: The name to show beside the progress bar.
-        keep: Called after each shard with the name of its split and its content.
+        keep: Called after each shard with the name of its split and its content. None to count
+            nothing again, only to check the files, if this process counted the same dataset last.
 
     Raises:
         DatasetError: A shard is missing or damaged, or differs from the manifest.
     """
     config = data.manifest.config
     files = [file for split in config.splits for file in data.files(split)]
+    rows = sum(file.shard.rows for file in files)
+    known = None if keep else _counted_last.get((config, data.manifest.shards))
+    if known is not None:
+        checked = zip(files, ordered_map(_check, files, workers), strict=True)
+        list(tracked(checked, stage, rows, lambda pair: pair[0].shard.rows))
+        return replace(known, data=data)
     splits: dict[str, SplitCounts] = {}
     keys: dict[str, list[Keys]] = {}
     count = partial(count_shard, (config.height, config.width))
     done = zip(files, ordered_map(count, files, workers), strict=True)
-    pairs = ((file.shard.rows, (file.shard.split, counted)) for file, counted in done)
-    for split, counted in tracked(pairs, stage, sum(file.shard.rows for file in files)):
+    for file, counted in tracked(done, stage, rows, lambda pair: pair[0].shard.rows):
+        split = file.shard.split
         before = splits.get(split)
         splits[split] = counted.counts if before is None else before + counted.counts
         keys.setdefault(split, []).append(counted.keys)
-        keep(split, counted.content)
+        if keep is not None:
+            keep(split, counted.content)
     certificate = certify({split: Keys.joined(parts) for split, parts in keys.items()})
-    return DatasetStatistics(data, splits, certificate)
+    statistics = DatasetStatistics(data, splits, certificate)
+    _counted_last.clear()
+    _counted_last[config, data.manifest.shards] = statistics
+    return statistics
 
 
-def read_analysis(data: Dataset) -> dict[str, Any] | None:
-    """Return the parts of a dataset's `analysis.json` that the card and the report show.
-
-    Returns:
-        None if the file is missing or its fingerprint is not the dataset's.
-
-    Raises:
-        DatasetError: The file is damaged.
-    """
-    path = data.folder / Manifest.ANALYSIS
-    try:
-        content: _Made = typed.read_as(_Made, File(path).read_json())
-        if content["fingerprint"] != data.fingerprint:
-            return None
-        sums = Sums.read(data.folder)
-        if Manifest.ANALYSIS in dict(sums.hashes) and not sums.has(Manifest.ANALYSIS):
-            raise ValueError(f"its sha256 is not the one in {HASHES}")
-        analysis: _Analysis = typed.read_as(_Analysis, content)
-        leakage = analysis["leakage"]
-        for pair in leakage["pairs"]:
-            if pair["second"] not in leakage["labyrinths"]:
-                raise ValueError(f"it.leakage.labyrinths has no {pair['second']}")
-    except FileNotFoundError:
-        return None
-    except (ValueError, RecursionError) as error:
-        reason = f"{one_line(error):.300}; stages=analyse overwrite=true writes it again"
-        raise DatasetError(f"{path} cannot be read: {reason}") from error
-    return {
-        "labyrinths": leakage["labyrinths"],
-        "repeated": leakage["repeated"],
-        "strangers": {split: len(ids) for split, ids in leakage["strangers"].items()},
-        "pairs": [_pair(pair) for pair in leakage["pairs"]],
-        "permutations": analysis["shift"]["permutations"],
-        "shift": analysis["shift"]["measures"],
-    }
-
-
-def _pair(pair: Mapping[str, Any]) -> dict[str, Any]:
-    return {
-        "first": pair["first"],
-        "second": pair["second"],
-        "counts": {kind: len(pair[kind]) for kind in KINDS},
-        "examples": {kind: list(pair[kind].items())[:MOST_NAMED] for kind in KINDS},
-        "within": {walls: pair["within"][walls] for walls in "123"},
-        "spread": pair["spread"],
-    }
+def _check(file: ShardFile) -> None:
+    """Raise DatasetError if a shard is missing or damaged."""
+    with file.opened():
+        pass

@@ -5,7 +5,6 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from datetime import timedelta
-from functools import cache
 from math import ceil
 from threading import Event, Thread
 from typing import Any, TypeVar
@@ -43,18 +42,25 @@ class _Console(Console):
 console = _Console(markup=False, emoji=False)
 
 
-def say(what: str | Table) -> None:
-    """Print a line as it is, neither coloured nor wrapped, or a table."""
+_said: set[str | Table] = set()
+"""The lines that this process has printed with `once`."""
+
+
+def say(what: str | Table, *, once: bool = False) -> None:
+    """Print a line as it is, neither coloured nor wrapped, or a table.
+
+    Args:
+        what: The line or the table.
+        once: Whether to print nothing if this process has printed the same with `once` already.
+    """
+    if once and what in _said:
+        return
+    if once:
+        _said.add(what)
     if isinstance(what, str):
         console.print(what, highlight=False, soft_wrap=True)
     else:
         console.print(what)
-
-
-@cache
-def say_once(text: str) -> None:
-    """Print a line as `say` does, unless this process has printed it already."""
-    say(text)
 
 
 class Bars(Progress):
@@ -120,11 +126,23 @@ def progress(*, vanishes: bool = False) -> Bars:
     )
 
 
-def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
-    """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total."""
+def tracked(
+    items: Iterable[Item],
+    description: str,
+    total: int,
+    amount: Callable[[Item], int] = lambda _: 1,
+) -> Iterator[Item]:
+    """Yield items under a bar that fills as the amounts of finished ones reach a total.
+
+    Args:
+        items: The items.
+        description: What the bar says.
+        total: The amount of all items.
+        amount: Returns the amount of one item; by default, items are counted.
+    """
     with progress(vanishes=True) as bars:
         bar = bars.add_task(description, total=total)
         with bars.each_minute(bar):
-            for amount, item in items:
+            for item in items:
                 yield item
-                bars.advance(bar, amount)
+                bars.advance(bar, amount(item))

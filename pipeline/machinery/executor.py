@@ -7,7 +7,10 @@ from __future__ import annotations
 
 import logging
 import os
+import signal
 import socket
+import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator, Sized
 from concurrent.futures import BrokenExecutor
 from contextlib import ExitStack, closing, contextmanager
@@ -16,9 +19,11 @@ from dataclasses import dataclass
 from typing import Any, TypeVar
 
 from labyrinth_core.errors import DatasetError, one_line
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.machinery.console import say
-from pipeline.machinery.workers import GOES_ON, ctrl_c_held_back, end_with_parent
+
+LOOKED_AT = 0.5
+"""Seconds between a worker's checks that its parent is alive."""
 
 Item = TypeVar("Item")
 Result = TypeVar("Result")
@@ -188,7 +193,8 @@ def ordered_map(
             yield from results
     except _losses(dask) as error:
         raise DatasetError(
-            "a worker was lost, perhaps for lack of memory: try fewer workers; " + GOES_ON
+            "a worker was lost, perhaps for lack of memory: try fewer workers; run the same "
+            "command again to resume"
         ) from error
     if errors:
         raise errors[0]
@@ -201,3 +207,38 @@ def _losses(dask: _Dask | None) -> tuple[type[Exception], ...]:
     import distributed
 
     return (distributed.KilledWorker,)
+
+
+def end_with_parent(parent: int) -> None:
+    """End this process soon after its parent process, whose id is `parent`, has ended.
+
+    joblib's workers would wait five minutes for more work.
+    """
+    never = threading.Event()
+
+    def watch() -> None:
+        # The system gives an orphan another parent.
+        while os.getppid() == parent:
+            never.wait(LOOKED_AT)
+        os._exit(1)
+
+    threading.Thread(target=watch, name="watch", daemon=True).start()
+
+
+@contextmanager
+def ctrl_c_held_back() -> Iterator[None]:
+    """Block Ctrl-C within the context, and permanently in processes that are started there.
+
+    A terminal sends Ctrl-C to all of them, and each would print an explanation.
+    """
+    if sys.platform == "win32":
+        yield
+        return
+    from multiprocessing.resource_tracker import ensure_running
+
+    ensure_running()  # If it started later, it would unblock the signal.
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, [signal.SIGINT])
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)

@@ -5,19 +5,12 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Sequence
 
-from labyrinth_core.data import Columns
-
 
 def table(heading: Sequence[str], rows: Iterable[Sequence[str]], alignment: str = "") -> str:
     """Return a Markdown table; `alignment` has l or r for each column, by default l, then r."""
     sides = alignment or "l" + "r" * (len(heading) - 1)
     rule = ["---:" if side == "r" else "---" for side in sides]
     return "\n".join(f"| {' | '.join(cells)} |" for cells in (heading, rule, *rows))
-
-
-def meanings(columns: Columns) -> str:
-    """Return the table of the meanings of a dataset's columns."""
-    return table(("column", "meaning"), ((f"`{c.name}`", c.meaning) for c in columns), "ll")
 
 
 def plain(text: str) -> str:

@@ -10,9 +10,8 @@ from typing import Any
 from labyrinth_core.data import Dataset, ShardFile
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.questions import QUESTION_COLUMNS, question
-from labyrinth_core.version import build_versions
-from pipeline.inspection.counts import routes_of
-from pipeline.machinery.executor import ordered_map
+from pipeline.inspection import routes_of
+from pipeline.machinery import ordered_map
 
 GROUP_ROWS = 256
 """The rows of a row group, about 3 MB."""
@@ -40,7 +39,7 @@ def question_problems(dataset: Dataset, made: Dataset, workers: int = 1) -> list
     """
     about = {file.shard.path: file for file in dataset.files()}
     pairs = [(about[file.shard.path], file) for file in made.files()]
-    check = partial(_check, dict(made.manifest.versions) == build_versions())
+    check = partial(_check, made.manifest.is_of_current_versions)
     return [line for lines in ordered_map(check, pairs, workers) for line in lines]
 
 

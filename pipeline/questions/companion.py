@@ -11,8 +11,8 @@ import yaml
 
 from labyrinth_core.data import DatasetConfig, Manifest
 from labyrinth_core.questions import QUESTION_COLUMNS
-from pipeline.inspection.companions import Companion
-from pipeline.machinery.markdown import meanings
+from pipeline.inspection import Companion
+from pipeline.machinery import table
 from pipeline.questions.check import question_problems
 
 NOT_ASKED = ("train", "validation", "random")
@@ -25,7 +25,9 @@ def section(questions: Mapping[str, Manifest], name: str, version: str | None) -
     """Return the card's section on the questions; see `Companion.section`."""
     return Template(_read("card.md")).substitute(
         names=", ".join(f"`{config}`" for config in questions),
-        columns=meanings(QUESTION_COLUMNS),
+        columns=table(
+            ("column", "meaning"), ((f"`{c.name}`", c.meaning) for c in QUESTION_COLUMNS), "ll"
+        ),
         name=name,
         revision=f', revision="{version}"' if version else "",
         shown=next(iter(questions)),

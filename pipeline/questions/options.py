@@ -1,6 +1,5 @@
 """The stage `questions`."""
 
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Stage
+from pipeline.config import Stage, WorkOptions
 
 STAGES = {"questions": Stage("pipeline.questions.stage", WorkOptions)}

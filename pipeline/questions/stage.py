@@ -14,14 +14,9 @@ from typing import Any
 from labyrinth_core.data import Dataset, Manifest, Shard, ShardFile
 from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.storage import AnyPath, File
-from labyrinth_core.version import build_versions
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job
+from pipeline.config import Job, WorkOptions
 from pipeline.inspection import front_matter
-from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.executor import ordered_map
-from pipeline.machinery.folders import held
+from pipeline.machinery import held, ordered_map, produced, say, tracked
 from pipeline.questions.check import GROUP_ROWS, questions_of
 from pipeline.questions.companion import COMPANION
 
@@ -68,10 +63,12 @@ def _make(data: Dataset, folder: AnyPath, workers: int) -> str:
     needed = COMPANION.shards(manifest, manifest.config)
     files = {file.shard.path: file for file in data.files()}
     about = [files[shard.path] for shard in needed]
-    made = ((shard.rows, shard) for shard in ordered_map(partial(_write, folder), about, workers))
+    made = ordered_map(partial(_write, folder), about, workers)
     total = sum(shard.labyrinths for shard in needed)
-    shards = tuple(tracked(made, "questions", total=total))
-    Manifest(manifest.config, build_versions(), shards, format=manifest.format).write(folder)
+    shards = tuple(tracked(made, "questions", total, lambda shard: shard.rows))
+    Manifest(manifest.config, Manifest.current_versions(), shards, format=manifest.format).write(
+        folder
+    )
     return f"has {sum(shard.rows for shard in shards):,} questions"
 
 

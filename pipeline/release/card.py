@@ -16,19 +16,13 @@ from typing import Any
 
 import yaml
 
-from labyrinth_core.data import Dataset, Manifest
+from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.version import DEVELOPERS, __version__
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job
-from pipeline.inspection import front_matter
-from pipeline.inspection.companions import Companion
-from pipeline.inspection.statistics import DatasetStatistics, read_analysis, statistics_of
-from pipeline.machinery.artifact import Ownership
-from pipeline.machinery.console import say
-from pipeline.machinery.folders import held
-from pipeline.machinery.sums import Sums
+from pipeline.config import Job, WorkOptions
+from pipeline.inspection import Companion, DatasetStatistics, front_matter, statistics_of
+from pipeline.machinery import Ownership, Sums, held, say
 from pipeline.release import readme
 from pipeline.release.croissant import croissant
 from pipeline.release.figures import BANNER, FIGURES, PICTURES, banner, picture_path
@@ -169,32 +163,31 @@ def _prepared(data_dir: AnyPath, release: Release, workers: int, overwrite: bool
     for name in others:
         del files[name]
     files[README] = _with_front_matter(values, manifests, text).encode()
-    listed = _data(data_dir, manifests)
+    listed = _data(data_dir, datasets)
     if release.version and not overwrite:
         _require_as_listed(own, manifests, listed)
     listed |= {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
     return Card(datasets, files, Sums(data_dir, made=frozenset(listed.items())), own, others)
 
 
-def _data(data_dir: AnyPath, manifests: Sequence[Manifest]) -> dict[str, str]:
+def _data(data_dir: AnyPath, datasets: Sequence[DatasetStatistics]) -> dict[str, str]:
     """Return the SHA-256 of each manifest, shard, table and analysis, as the manifests give them.
 
     The hashes of shards and tables have just been checked; what changes later does not match them.
     """
     listed: dict[str, str] = {}
-    for manifest in manifests:
-        folders = {manifest.config.name: manifest}
+    for dataset in datasets:
+        manifest = dataset.manifest
+        folders = {dataset.name: manifest}
         for kind in Companion.kinds():
             folders |= kind.beside([manifest])
         for name, each in folders.items():
             listed |= {f"{name}/{shard.path}": shard.sha256 for shard in each.shards}
             listed[f"{name}/{Manifest.FILE}"] = File(data_dir / name / Manifest.FILE).sha256()
-        name = manifest.config.name
-        listed[f"{name}/{Manifest.TABLE}"] = manifest.table.sha256
-        if read_analysis(Dataset.at(data_dir / name, manifest)):
-            listed[f"{name}/{Manifest.ANALYSIS}"] = File(
-                data_dir / name / Manifest.ANALYSIS
-            ).sha256()
+        listed[f"{dataset.name}/{Manifest.TABLE}"] = manifest.table.sha256
+        if dataset.analysis is not None:
+            path = data_dir / dataset.name / Manifest.ANALYSIS
+            listed[f"{dataset.name}/{Manifest.ANALYSIS}"] = File(path).sha256()
     return listed
 
 

@@ -17,9 +17,7 @@ from typing import Any, NamedTuple
 
 from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Columns, Manifest
 from labyrinth_core.version import DEVELOPERS
-from pipeline.inspection import front_matter
-from pipeline.inspection.companions import Companion
-from pipeline.inspection.statistics import DatasetStatistics
+from pipeline.inspection import Companion, DatasetStatistics, front_matter
 from pipeline.release.readme import limits
 from pipeline.release.texts import Release, citation, command, paragraph, read
 

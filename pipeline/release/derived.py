@@ -16,11 +16,9 @@ from typing import Any
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File
-from pipeline.config.export import ExportOptions
-from pipeline.config.stage import Job
+from pipeline.config import ExportOptions, Job
 from pipeline.inspection import front_matter
-from pipeline.machinery.markdown import table
-from pipeline.machinery.sums import Sums
+from pipeline.machinery import Sums, table
 from pipeline.release.model import published_dataset
 from pipeline.release.options import PublishStageOptions
 from pipeline.release.texts import citation, code, command_lines, fill, paragraph

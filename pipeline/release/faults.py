@@ -11,7 +11,7 @@ from huggingface_hub.errors import HfHubHTTPError
 
 from labyrinth_core import hub
 from labyrinth_core.errors import DatasetError, one_line
-from pipeline.machinery.console import say
+from pipeline.machinery import say
 
 NO_TOKEN: type[Exception] = getattr(errors, "OIDCError", PermissionError)
 """What the client raises, since version 1.19, if a job cannot prove its identity to the Hub."""

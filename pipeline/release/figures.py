@@ -16,8 +16,8 @@ from PIL import Image, ImageDraw, ImageFont
 from labyrinth_core.data import SPLITS
 from labyrinth_core.pictures import DEFAULT_STYLE, Colour, render
 from labyrinth_core.world import Labyrinth, State, Structure, Task
-from pipeline.inspection.counts import SplitCounts
-from pipeline.machinery.markdown import count
+from pipeline.inspection import SplitCounts
+from pipeline.machinery import count
 
 PICTURES = "pictures"
 BANNER = f"{PICTURES}/labyrinth.png"

@@ -16,9 +16,9 @@ from labyrinth_core.evaluation import KnownDataset, Results, TrainedRun
 from labyrinth_core.learning import PolicySpec
 from labyrinth_core.policies import RunRecord, load_policy
 from labyrinth_core.storage import File
-from pipeline.config.stage import Job
+from pipeline.config import Job
 from pipeline.inspection import front_matter
-from pipeline.machinery.markdown import count, plain, table
+from pipeline.machinery import count, plain, table
 from pipeline.release.faults import PublishError
 from pipeline.release.options import PublishStageOptions
 from pipeline.release.texts import citation, code, fill, paragraph, verbatim

@@ -8,12 +8,16 @@ from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import Any
 
-from pipeline.config.errors import check
-from pipeline.config.export import ExportOptions
-from pipeline.config.option import option
-from pipeline.config.options import SourceOptions, WorkOptions
-from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions
+from pipeline.config import (
+    ExportOptions,
+    Job,
+    SourceOptions,
+    Stage,
+    TrainingOptions,
+    WorkOptions,
+    check,
+    option,
+)
 
 LOOK = "stages=report", "look at it in a browser"
 LEARN = "stages=train,evaluate method=bc", "train a policy on it"

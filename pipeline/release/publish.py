@@ -19,11 +19,9 @@ from huggingface_hub import HfApi
 from huggingface_hub.utils import disable_progress_bars  # type: ignore[attr-defined]
 
 from labyrinth_core import hub
-from pipeline.config.export import ExportOptions
-from pipeline.config.stage import Job
+from pipeline.config import ExportOptions, Job
 from pipeline.inspection import front_matter
-from pipeline.machinery.console import say
-from pipeline.machinery.sums import HASHES, Sums
+from pipeline.machinery import Sums, say
 from pipeline.release.card import prepared_card
 from pipeline.release.derived import loading, stage_environment, stage_export
 from pipeline.release.faults import PublishError, explained, is_unseen
@@ -110,7 +108,7 @@ def _dataset(job: Job[PublishStageOptions], repository: Repository) -> None:
             until_written.close()  # Other processes need not wait for the upload.
 
         files = {name: File(digest, folder / name) for name, digest in card.sums.hashes}
-        own = {**card.files, HASHES: card.sums.content()}
+        own = {**card.files, Sums.FILE: card.sums.content()}
         files |= {name: File.of(content) for name, content in own.items()}
         release(options, repository, files, folder, [*_left_out(folder, files)], write)
     config = front_matter.default_config(manifests)
@@ -194,7 +192,7 @@ def _left_out(folder: Path, files: Files) -> Iterator[str]:
     folders = {name.partition("/")[0] for name in files if "/" in name}
     for path in sorted(folder.glob("[!.]*")):
         if path.name in folders:
-            inside = sorted(each.name for each in path.glob("[!.]*") if each.name != HASHES)
+            inside = sorted(each.name for each in path.glob("[!.]*") if each.name != Sums.FILE)
             yield from (f"{path.name}/{n}" for n in inside if f"{path.name}/{n}" not in files)
         elif path.name not in files:
             yield f"{path.name}/" if path.is_dir() else path.name

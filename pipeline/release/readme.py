@@ -6,14 +6,12 @@ from collections.abc import Sequence
 
 import yaml
 
-from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Columns, Manifest
 from labyrinth_core.evaluation import KnownDataset
 from labyrinth_core.language import dump
 from labyrinth_core.world import Action
-from pipeline.inspection import front_matter
-from pipeline.inspection.companions import Companion
-from pipeline.inspection.statistics import DatasetStatistics
-from pipeline.machinery.markdown import count, meanings, plain, table
+from pipeline.inspection import Companion, DatasetStatistics, front_matter
+from pipeline.machinery import count, plain, table
 from pipeline.release.figures import BANNER, FIGURES, picture_path
 from pipeline.release.texts import (
     Release,
@@ -56,7 +54,7 @@ def text(datasets: Sequence[DatasetStatistics], default: str, release: Release) 
         default=default,
         revision=f', revision="{release.version}"' if release.version else "",
         shard=shown.manifest.of("train")[0].path,
-        columns=meanings(COLUMNS),
+        columns=_meanings(COLUMNS),
         baselines=_baselines(datasets),
         varied=f" {paragraph('held_varied', varied=varied)}" if varied else "",
         splits=_splits(splits),
@@ -120,13 +118,18 @@ def _rows(datasets: Sequence[DatasetStatistics], splits: Sequence[str]) -> str:
     return table(("split", *(f"`{dataset.name}`" for dataset in datasets)), rows)
 
 
+def _meanings(columns: Columns) -> str:
+    """Return the table of the meanings of a dataset's columns."""
+    return table(("column", "meaning"), ((f"`{c.name}`", c.meaning) for c in columns), "ll")
+
+
 def _labyrinth_table(datasets: Sequence[DatasetStatistics], default: str, release: Release) -> str:
     """Return the section on the tables of labyrinths."""
     section = fill(
         "labyrinth_table.md",
         table=Manifest.TABLE,
         names=", ".join(f"`{front_matter.table_config(dataset.name)}`" for dataset in datasets),
-        columns=meanings(TABLE_COLUMNS),
+        columns=_meanings(TABLE_COLUMNS),
         name=release.name,
         revision=f"@{release.version}" if release.version else "",
         shown=default,

@@ -34,15 +34,14 @@ from huggingface_hub.utils.sha import git_hash
 
 from labyrinth_core import hub
 from labyrinth_core.errors import DatasetError
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.sums import HASHES, Sums
+from pipeline.machinery import Sums, say, tracked
 from pipeline.release.faults import PublishError, reasons
 
 VERSION = re.compile(r"\d+\.\d+\.\d+", re.ASCII)
 """The form of a release's tag."""
 
 CARD = re.compile(
-    rf"{HASHES}|README\.md|CHANGELOG\.md|CITATION\.cff|croissant\.json|eval\.yaml|pictures/.*"
+    rf"{Sums.FILE}|README\.md|CHANGELOG\.md|CITATION\.cff|croissant\.json|eval\.yaml|pictures/.*"
 )
 """The paths of files that describe a release; all others are data, which a tag never changes."""
 
@@ -92,7 +91,7 @@ class File:
         if digest != self.sha256:
             raise PublishError(
                 f"{self.source!s:.300} has changed since it was checked: its sha256 is not the "
-                f"one in {HASHES}; publish again"
+                f"one in {Sums.FILE}; publish again"
             )
 
     def is_at(self, digest: str | None) -> bool:
@@ -109,7 +108,7 @@ Files = Mapping[str, File]
 def listed(folder: Path) -> dict[str, File]:
     """Return the files that the list of a folder names, and the list itself."""
     files = {name: File(digest, folder / name) for name, digest in Sums.read(folder).hashes}
-    return files | {HASHES: File.of((folder / HASHES).read_bytes())}
+    return files | {Sums.FILE: File.of((folder / Sums.FILE).read_bytes())}
 
 
 @dataclass(frozen=True)
@@ -238,9 +237,9 @@ class Repository:
 
         Others are neither replaced nor deleted.
         """
-        if HASHES not in tree:
+        if Sums.FILE not in tree:
             return set()
-        self.content(HASHES, commit, tree[HASHES])
+        self.content(Sums.FILE, commit, tree[Sums.FILE])
         try:
             own = Sums.read(hub.snapshot_of(self.repo_id, self.repo_type, commit))
         except DatasetError:  # It is another program's.
@@ -256,7 +255,7 @@ class Repository:
                 digest = hashlib.sha256(self.content(path, commit, digest)).hexdigest()
             return (path, digest) in own.hashes
 
-        return {HASHES, *filter(is_released, tree)}
+        return {Sums.FILE, *filter(is_released, tree)}
 
     def content(self, path: str, commit: str, digest: str) -> bytes:
         """Return a file of a commit, which has to have the hash that the Hub lists for it."""
@@ -319,7 +318,9 @@ class Repository:
         """
         added = [(path, plan.files[path]) for path in plan.add]
         # One by one, so that a run after an interruption does not send a file again.
-        additions = list(tracked(starmap(self._uploaded, added), "upload", total=plan.bytes))
+        uploaded = starmap(self._uploaded, added)
+        finished = tracked(uploaded, "upload", plan.bytes, lambda pair: pair[0])
+        additions = [addition for _, addition in finished]
         deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
 
         def committed() -> str:

@@ -31,8 +31,7 @@ from labyrinth_core.learning import PolicySpec
 from labyrinth_core.policies import load_policy
 from labyrinth_core.storage import LocalFile
 from pipeline.inspection import front_matter
-from pipeline.machinery.console import progress
-from pipeline.machinery.workers import end_with_parent
+from pipeline.machinery import end_with_parent, progress
 from pipeline.release.faults import PublishError
 
 CACHES = re.compile(r"(HF|HUGGINGFACE|TRANSFORMERS)(_\w+)?_(CACHE|PATH|OFFLINE)", re.ASCII)

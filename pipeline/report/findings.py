@@ -12,8 +12,8 @@ from typing import Any
 from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import KnownDataset, Results
-from pipeline.config.options import ResultsFolderOption
-from pipeline.machinery.console import say
+from pipeline.config import ResultFolderOptions
+from pipeline.machinery import say
 
 MOST_FAILED = 2_000
 """The maximum number of labyrinths listed per split on which a run failed."""
@@ -93,7 +93,7 @@ def _submitted(
     """Yield the submitted results, without those that `stages=results` copied there."""
     if results_dir is None:
         return
-    for path, reason in Results.submitted_files(results_dir / ResultsFolderOption.SUBMISSIONS):
+    for path, reason in Results.submitted_files(results_dir / ResultFolderOptions.SUBMISSIONS):
         try:
             if reason:
                 raise DatasetError(f"{path}: {reason}")

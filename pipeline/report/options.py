@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.config.options import ResultsFolderOption, RunFolderOption, WorkOptions
-from pipeline.config.stage import Job, Stage
+from pipeline.config import Job, ResultFolderOptions, Stage, WorkOptions
 
 
 @dataclass(frozen=True)
-class ReportOptions(WorkOptions, RunFolderOption, ResultsFolderOption):
+class ReportOptions(WorkOptions, ResultFolderOptions):
     """Where the runs and results of a report are."""
 
 

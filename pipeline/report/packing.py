@@ -18,8 +18,8 @@ import numpy as np
 from labyrinth_core.data import Dataset, ShardFile
 from labyrinth_core.language import labyrinth_id
 from labyrinth_core.world import Labyrinth
-from pipeline.inspection.counts import Route, SplitCounts, routes_of
-from pipeline.machinery.executor import ordered_map
+from pipeline.inspection import Route, SplitCounts, routes_of
+from pipeline.machinery import ordered_map
 
 _NUMBER_BYTES = 4
 """The bytes counted per number; the page uses as few as the largest of the column needs."""

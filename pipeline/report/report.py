@@ -20,11 +20,9 @@ from labyrinth_core.language import SETTINGS_OF
 from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.version import __version__
 from labyrinth_core.world import Task
-from pipeline.config.stage import Job
-from pipeline.inspection.statistics import DatasetStatistics, statistics_of
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
-from pipeline.machinery.folders import within
+from pipeline.config import Job
+from pipeline.inspection import DatasetStatistics, statistics_of
+from pipeline.machinery import leave, say, within
 from pipeline.report.findings import read_results
 from pipeline.report.options import ReportOptions
 from pipeline.report.packing import PackedSplit, pack

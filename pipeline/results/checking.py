@@ -1,12 +1,13 @@
-"""What results are checked against: their dataset and, if that is asked, their policy.
+"""Collect the results of runs and of submitted policies, and refuse inconsistent files.
 
-Policies of runs and those that `open_policy` opens are played again. No code is executed that a
-file names: a policy in Python, and a run of a method in Python, rests on the word of whoever made
-the file.
+Results are checked against their dataset and, if that is asked, their policy: those of runs and
+those that `open_policy` opens are played again. No code is executed that a file names: a policy in
+Python, and a run of a method in Python, rests on the word of whoever made the file.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
@@ -14,15 +15,164 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import Dataset, Manifest
-from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation import Evaluation, KnownDataset, Results, TrainedRun
+from labyrinth_core.errors import DatasetError, printable_line
+from labyrinth_core.evaluation import Description, Evaluation, KnownDataset, Results, TrainedRun
 from labyrinth_core.policies import PolicyNameError, open_policy
 from labyrinth_core.storage import folder_at
-from pipeline.config.errors import check
-from pipeline.config.stage import Job
-from pipeline.config.training import METHODS, TrainingOptions
-from pipeline.machinery.console import say
+from pipeline.config import Job, ResultFolderOptions, TrainingOptions, check
+from pipeline.machinery import Ownership, Sums, say
+from pipeline.results.leaderboard import AUTHOR, IN_PRINT, run_of, title_of
 from pipeline.results.options import ResultsOptions
+
+RUNS = "runs"
+"""The subfolder with the results of runs; those of other policies are in `SUBMISSIONS`."""
+
+
+Copies = Mapping[str, tuple[Path, Results]]
+"""Name in `results_dir` -> the file in `run_dir` to copy there, and its results."""
+
+
+def gather(checks: Checks, results_dir: Path, overwrite: bool) -> tuple[Copies, list[str]]:
+    """Return the results of runs that are to be copied, and why each other file is refused.
+
+    Nothing is copied yet. If a file is refused, its earlier copy stays. With `overwrite`, copies
+    replace files that were made or changed by someone else.
+
+    Raises:
+        DatasetError: The SHA256SUMS of `results_dir` is damaged, or another program's.
+    """
+    refused, copies = [], {}
+    for path in Results.files_of_runs(checks.run_dir):
+        config, name = path.parts[-3:-1]
+        try:
+            results = checks.read(path, (config, name))
+        except DatasetError as error:
+            refused.append(str(error))
+            continue
+        kind = ResultFolderOptions.SUBMISSIONS if results.run is None else RUNS
+        copies[f"{kind}/{config}/{name}.json"] = path, results
+    files = {name: path.read_bytes() for name, (path, _) in copies.items()}
+    own = Ownership(Sums.read(results_dir, overwrite=overwrite))
+    for name in () if overwrite else own.others(files):
+        refused.append(
+            f"{copies[name][0]} is not copied: {results_dir / name} was made or changed by someone "
+            "else; move it away, or give overwrite=true"
+        )
+        del copies[name]
+    return copies, refused
+
+
+def read_all(
+    checks: Checks, results_dir: Path, copies: Copies
+) -> tuple[dict[Path, Results], list[Results], list[str]]:
+    """Read all results in `results_dir`, as if `copies` were there already.
+
+    Returns:
+        The runs by file, the submissions, and why each other file is refused.
+    """
+    runs: dict[Path, Results] = {}
+    submissions: list[Results] = []
+    named: dict[tuple[str, str, str], str] = {}
+    new = {results_dir / name: results for name, (_, results) in copies.items()}
+    of_runs = (results_dir / RUNS).glob("[!.]*/[!.]*.json")
+    submitted = Results.submitted_files(results_dir / ResultFolderOptions.SUBMISSIONS)
+    refused = [f"{path} is refused: {reason}" for path, reason in submitted if reason]
+    files = (path for path, reason in submitted if not reason)
+    for path in sorted({*new, *of_runs, *files}):
+        is_run = path.is_relative_to(results_dir / RUNS)
+        run_named = (path.parent.name, path.stem) if is_run else None
+        try:
+            each = new[path] if path in new else checks.read(path, run_named)
+            if not is_run:
+                _require_own_name(path, each, named)
+                submissions.append(each)
+            elif each.run is None:
+                raise DatasetError(f"{path} is refused: it has no results of a training run")
+            else:
+                runs[path] = each
+        except DatasetError as error:
+            refused.append(str(error))
+            continue
+        for name in _names(each):
+            key = each.config, each.fingerprint, Description.as_compared(name)
+            named.setdefault(key, f"{path} has the same name, {name}, on the same dataset")
+    return runs, submissions, refused
+
+
+def _names(results: Results) -> list[str]:
+    """Return every name of a policy in tables and files."""
+    run = results.run
+    if run is not None:
+        return [title_of(run), run.of_all_seeds, run.name]
+    return [results.about.name]
+
+
+def _require_own_name(
+    path: Path, results: Results, named: Mapping[tuple[str, str, str], str]
+) -> None:
+    """Raise a DatasetError if a submission has the name of a run or of another submission."""
+    if results.run is not None:
+        raise DatasetError(f"{path} is refused: results of a training run belong below {RUNS}")
+    if Description.as_compared(results.about.author) == Description.as_compared(AUTHOR):
+        raise DatasetError(f"{path} is refused: author={AUTHOR} is reserved for runs")
+    name = Description.as_compared(results.about.name)
+    reason = named.get((results.config, results.fingerprint, name))
+    if name in {Description.as_compared(each) for method in IN_PRINT.items() for each in method}:
+        reason = f"name={results.about.name} is reserved for runs"
+    if reason is not None:
+        raise DatasetError(f"{path} is refused: {reason}")
+
+
+def of_equal_weights(runs: Mapping[Path, Results]) -> list[list[Path]]:
+    """Return each group of runs with the same weights, which are one policy under several names."""
+    groups: dict[str, list[Path]] = {}
+    for path, results in runs.items():
+        if weights := run_of(results).evaluated["weights"]:
+            groups.setdefault(weights, []).append(path)
+    return [paths for paths in groups.values() if len(paths) > 1]
+
+
+def comparable(runs: Mapping[Path, Results]) -> list[Results]:
+    """Check that runs can be compared, and sort them by config, setup, method and seed.
+
+    Args:
+        runs: The runs by their files.
+
+    Raises:
+        DatasetError: Two runs on the same config are of different datasets, or two seeds of one
+            method have different settings.
+    """
+    first: dict[object, Path] = {}
+    for path, results in runs.items():
+        run = run_of(results)
+        other = first.setdefault(results.config, path)
+        fingerprints = {
+            (each.fingerprint, run_of(each).fingerprint) for each in (runs[other], results)
+        }
+        if len(fingerprints) > 1:
+            raise DatasetError(
+                f"{path} and {other} are of different datasets, so they cannot be compared: "
+                "remove one, or choose another results_dir"
+            )
+        other = first.setdefault((results.config, run.of_all_seeds), path)
+        mine, others = run.settings, run_of(runs[other]).settings
+        # A setting that only one of them has is newer, and has no effect by default.
+        common = [name for name in mine if name in others and mine[name] != others[name]]
+        if common:
+            pairs = (f"{name}={mine[name]} and {others[name]}" for name in common)
+            differing = printable_line(", ".join(pairs))
+            raise DatasetError(
+                f"{path} and {other} have different settings, {differing}, so they cannot "
+                "be averaged: remove one, or choose another results_dir"
+            )
+
+    def order(results: Results) -> tuple[Any, ...]:
+        run = run_of(results)
+        number = [*IN_PRINT, run.method].index(run.method)
+        return results.config, run.setup, number, run.method, run.seed
+
+    return sorted(runs.values(), key=order)
+
 
 _OF_RUN = (
     *("method", "encoder", "protocol", "train_labyrinths", "seed", "settings", "config"),
@@ -131,12 +281,9 @@ class Checks:
             self._skip(f"{results.config} is not available")
             return
         try:
-            policy, why = self._opened(results)
+            policy = self._opened(results)
         except (DatasetError, PolicyNameError) as error:
             self._skip(str(error))
-            return
-        if policy is None:
-            self._skip(why)
             return
         say(f"Replaying {path}")
         try:
@@ -148,22 +295,22 @@ class Checks:
                 close()
         self._replayed.add(results)
 
-    def _opened(self, results: Results) -> tuple[Any, str]:
-        """Return the policy that results name; or None, and why it is not opened."""
+    def _opened(self, results: Results) -> Any:
+        """Return the policy that results name; a DatasetError or PolicyNameError says why not."""
         run, policy = results.run, results.policy
         if run is not None:
             folder = self.run_dir / run.config / run.name
             if not folder.is_dir():
-                return None, f"runs are not in {self.run_dir}"
-            if run.method not in METHODS:
-                return None, "methods in Python are not executed"
-            return open_policy(folder), ""
+                raise DatasetError(f"runs are not in {self.run_dir}")
+            if run.method not in TrainingOptions.METHODS:
+                raise DatasetError("methods in Python are not executed")
+            return open_policy(folder)
         if policy is not None:
-            return open_policy(policy.source, revision=policy.commit, code=False), ""
+            return open_policy(policy.source, revision=policy.commit, code=False)
         name = results.about.name
         if "/" in name or Path(name).expanduser().exists():  # The name says which policy it is.
-            return open_policy(name, code=False), ""
-        return None, "they name no files of a policy"
+            return open_policy(name, code=False)
+        raise DatasetError("they name no files of a policy")
 
     def _skip(self, reason: str) -> None:
         self.skipped[reason] = self.skipped.get(reason, 0) + 1

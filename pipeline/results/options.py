@@ -4,9 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
-from pipeline.config.option import option
-from pipeline.config.options import ResultsFolderOption, RunFolderOption, SourceOptions, WorkOptions
-from pipeline.config.stage import Stage
+from pipeline.config import ResultFolderOptions, SourceOptions, Stage, WorkOptions, option
 
 
 @dataclass(frozen=True)
@@ -19,7 +17,7 @@ class CheckOptions:
 
 
 @dataclass(frozen=True)
-class ResultsOptions(SourceOptions, RunFolderOption, ResultsFolderOption, WorkOptions):
+class ResultsOptions(SourceOptions, ResultFolderOptions, WorkOptions):
     """Where results are read and written, and what they are checked against."""
 
     results: CheckOptions = field(default_factory=CheckOptions)

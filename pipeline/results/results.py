@@ -16,17 +16,18 @@ from rich.table import Column, Table
 from labyrinth_core.data import SPLITS
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Results
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, say_once
-from pipeline.machinery.markdown import count
-from pipeline.machinery.sums import Sums
-from pipeline.results.checking import Checks
-from pipeline.results.entry import Entry, boards, entries_of
-from pipeline.results.kept import RUNS, comparable, gather, of_equal_weights, read_all
-from pipeline.results.leaderboard import LEADERBOARD, leaderboard
+from pipeline.config import Job
+from pipeline.machinery import Sums, count, leave, say
+from pipeline.results.checking import RUNS, Checks, comparable, gather, of_equal_weights, read_all
+from pipeline.results.leaderboard import (
+    LEADERBOARD,
+    Entry,
+    boards,
+    entries_of,
+    leaderboard,
+    title_of,
+)
 from pipeline.results.options import ResultsOptions
-from pipeline.results.paper import title_of
 from pipeline.results.tables import tables
 
 
@@ -75,7 +76,7 @@ def run(job: Job[ResultsOptions]) -> None:
     if methods:
         for _, of_config in groupby(methods, lambda each: each.config):
             say(overview(list(of_config)))
-        say_once(Results.LEGEND[0])
+        say(Results.LEGEND[0], once=True)
         say(f"{count(len(runs), 'run')}: {results_dir}")
     for paths in of_equal_weights(runs):
         names = ", ".join(str(path.relative_to(results_dir / RUNS)) for path in paths)

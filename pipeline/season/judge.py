@@ -9,32 +9,36 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, replace
+from importlib.metadata import version
 from math import log, sqrt
 from pathlib import Path
+from threading import Event, Timer
 from typing import Annotated, Any, NamedTuple, TypedDict
+
+from numpy.typing import NDArray
 
 from labyrinth_core import typed
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results
+from labyrinth_core.policies import SECONDS, PolicyNameError, files_of
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say, tracked
-from pipeline.machinery.folders import held
-from pipeline.season.commitment import (
+from labyrinth_core.world import Task
+from pipeline.config import ConfigError, Job
+from pipeline.machinery import held, leave, say, tracked
+from pipeline.season.options import SUBMISSION, SeasonStageOptions
+from pipeline.season.season import (
     MOST_BYTES,
     Layout,
     Season,
     check_rows,
     dataset,
+    private_folder,
     require_regular,
 )
-from pipeline.season.options import SUBMISSION, SeasonStageOptions
-from pipeline.season.submission import Submission, fetched, versions
 
 _SIGNED = ("submission", "commit", "files", "versions")
 _DECIMALS = 2
@@ -42,11 +46,6 @@ _DECIMALS = 2
 
 CONTROLS = 200
 """The number of control training sets with which the judge asks whether a policy remembers."""
-
-REPEATABLE = (
-    "a season judges only policies that do not draw at random and remember nothing between two "
-    "batches"
-)
 
 Row = dict[str, Any]
 """The published entry of a judged submission, with the fields of `_Row`."""
@@ -119,15 +118,17 @@ def run(job: Job[SeasonStageOptions]) -> None:
                     f"{named} was judged before, with other results or another "
                     f"season.learnt_from: see {layout.judged}"
                 )
-            overwrite = job.options.overwrite
-            _keep(layout, rows.index(row) + 1, submission, content, overwrite=overwrite)
+            number = rows.index(row) + 1
+            _keep(layout, number, submission, content, overwrite=job.options.overwrite)
             publish(layout, season, rows)
     again = "" if before is None else " again, with the same bytes"
     say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {layout.judged}")
     if results.memorised:  # Its copies name labyrinths of the test.
         say(str(replace(results.memorised, copies=())))
     if len(rows) > 1:
-        chance = by_chance(len(rows), season.labyrinths["test"])
+        # A share of n labyrinths is sub-Gaussian with variance 1 / 4n. The expected maximum of k of
+        # them is at most this (Boucheron, Lugosi and Massart 2013, theorem 2.5).
+        chance = sqrt(log(len(rows)) / (2 * season.labyrinths["test"]))
         say(f"As the best of {len(rows)} is chosen, its figures may be {chance:.3f} too high.")
 
 
@@ -141,15 +142,6 @@ def check_name(named: object) -> None:
 def shown(figures: Mapping[str, float]) -> str:
     """Return the figures on a split as they are printed."""
     return f"SPL {figures['spl']:.2f}, SR {figures['sr']:.2f}"
-
-
-def by_chance(submissions: int, labyrinths: int) -> float:
-    """Return a bound on the expected overestimate of the best of several equal submissions.
-
-    A share of n labyrinths is sub-Gaussian with variance 1 / 4n, and the expected maximum of k of
-    them is at most sqrt(ln k / 2n) (Boucheron, Lugosi and Massart 2013, theorem 2.5).
-    """
-    return sqrt(log(submissions) / (2 * labyrinths))
 
 
 def judged(
@@ -182,8 +174,9 @@ def judged(
     asked = Evaluation.of(submission.policy, data)
     results = asked.results(
         ["test", *data.manifest.config.shifts],
-        advice=REPEATABLE,
-        follow=lambda each: tracked(((1, split) for split in each), "judge", len(each)),
+        advice="a season judges only policies that do not draw at random and remember nothing "
+        "between two batches",
+        follow=lambda each: tracked(each, "judge", len(each)),
     )
     results = results.signed(
         season=season.name,
@@ -252,20 +245,15 @@ def settled(layout: Layout, season: Season) -> list[Row]:
     rows = read_rows(layout, season)
     numbers = {int(path.stem) for path in layout.private.glob("*.json") if path.stem.isdecimal()}
     for number in range(1, max(numbers | {len(rows)}) + 1):
-        kept = layout.private / f"{number}.json"
-        kept_row = _kept_row(kept, season) if number in numbers else None
-        if kept_row is None or rows[number - 1 : number] not in ([], [kept_row]):
+        kept, row = layout.private / f"{number}.json", None
+        results = Results.load(kept) if number in numbers else None
+        if results and results.judged and results.judged.secret_sha256 == season.secret_sha256:
+            row = _row(results, kept.read_bytes())
+        if row is None or rows[number - 1 : number] not in ([], [row]):
             raise DatasetError(f"{kept} does not hold the results that {layout.judged} names")
         if number > len(rows):
-            rows.append(kept_row)
+            rows.append(row)
     return rows
-
-
-def _kept_row(path: Path, season: Season) -> Row | None:
-    """Return the entry of private results; None if they are of another season."""
-    results = Results.load(path)
-    of_season = results.judged is not None and results.judged.secret_sha256 == season.secret_sha256
-    return _row(results, path.read_bytes()) if of_season else None
 
 
 def _keep(
@@ -326,3 +314,116 @@ def read_rows(layout: Layout, season: Season) -> list[Row]:
                 f"{layout.judged}: entry {number}: {one_line(error):.300}"
             ) from error
     return rows
+
+
+class Submission(NamedTuple):
+    """A policy to judge, and the files that it was loaded from."""
+
+    named: str
+    commit: str | None
+    """The commit on the Hub; None for a folder or a file."""
+    files: dict[str, str]
+    """Name -> SHA-256."""
+    folder: Path
+    """A folder with a copy of these files, and nothing else."""
+    policy: Any
+    """A policy that `evaluate` accepts; its attributes name its observation."""
+    library: str
+    """The library that runs it."""
+
+
+@contextmanager
+def fetched(
+    named: str, folder: Path | None = None, pinned: Mapping[str, Any] | None = None
+) -> Iterator[Submission]:
+    """Load a submission, and yield it; its copied files are removed at the end.
+
+    Args:
+        named: An id on the Hub, a folder or a file; optionally followed by `@` and a revision or,
+            for a folder or a file, the SHA-256 of its weights.
+        folder: The folder of its files, if they are not at `named`.
+        pinned: The `commit` and `files` that were judged; None if it is judged for the first time.
+
+    Raises:
+        DatasetError: The policy does not exist, or differs from the named or pinned revision.
+        PolicyError: An ONNX graph has other inputs or outputs than a policy.
+    """
+    try:
+        if folder is not None:
+            source = files_of(folder)
+        elif pinned:
+            source = files_of(named.partition("@")[0], pinned["commit"], on_hub=True)
+        else:
+            source = files_of(named)
+    except PolicyNameError as error:
+        raise DatasetError(str(error)) from error
+    with private_folder() as own:
+        copies = source.copied(own)
+        files = dict(sorted(copies.origin().files.items()))
+        for name, expected in pinned["files"].items() if pinned else ():
+            if files.get(name) != expected:
+                raise DatasetError(
+                    f"{named}: {name} differs from the named revision: it is "
+                    f"{files.get(name) or 'missing':.16}, not {expected:.16}"
+                )
+        try:
+            policy = copies.open(named)
+        except DatasetError as error:  # Name the original, not the temporary copy.
+            raise DatasetError(str(error).replace(str(own), named)) from error
+        if source.is_graph:
+            with policy:
+                yield Submission(named, source.commit, files, own, policy, "onnxruntime")
+        else:
+            import torch
+
+            torch.set_num_threads(1)  # With several threads, sums may round differently.
+            yield Submission(named, source.commit, files, own, _Limited(policy), "torch")
+
+
+class _Limited:
+    """A loaded policy that is refused if a call takes too long, as a graph is.
+
+    It has `SECONDS` for a batch, or for each labyrinth if it plans for one at a time.
+    """
+
+    def __init__(self, policy: Any) -> None:
+        self._policy, self._late = policy, Event()
+        for module in policy.network.modules():  # So that a long call ends before its end.
+            module.register_forward_pre_hook(lambda *_: self._require_time())
+
+    def __getattr__(self, name: str) -> Any:
+        """Return an attribute of the policy: what it has to be shown, or a method."""
+        attribute = getattr(self._policy, name)
+        if name != "act":
+            return attribute
+        return lambda observations: self._in_time(attribute, observations, len(observations))
+
+    def for_labyrinths(self, height: int, width: int, task: Task) -> _Limited:
+        """Return the policy for labyrinths of another size."""
+        return _Limited(self._policy.for_labyrinths(height, width, task))
+
+    def __call__(self, observations: NDArray[Any]) -> Any:
+        """Return the scores of the four actions, shape (B, 4)."""
+        return self._in_time(self._policy, observations)
+
+    def _in_time(
+        self, call: Callable[[NDArray[Any]], Any], observations: NDArray[Any], parts: int = 1
+    ) -> Any:
+        self._late = Event()
+        timer = Timer(SECONDS * parts, self._late.set)
+        timer.start()
+        try:
+            answer = call(observations)
+        finally:
+            timer.cancel()
+        self._require_time()
+        return answer
+
+    def _require_time(self) -> None:
+        if self._late.is_set():
+            raise PolicyError(f"the policy takes more than {SECONDS:g} seconds")
+
+
+def versions(library: str) -> dict[str, str]:
+    """Return the versions of the libraries that judge a policy."""
+    return {name: version(name) for name in ("labyrinth-datasets", "numpy", library)}

@@ -6,10 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from labyrinth_core import typed
-from pipeline.config.errors import check
-from pipeline.config.option import option
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job, Stage
+from pipeline.config import Job, Stage, WorkOptions, check, option
 
 _PART = r"(?!\.{1,2}(?:[/@]|\Z))[A-Za-z0-9._+=-]+"
 SUBMISSION = rf"(?!.*\.zip$)(?:[A-Za-z]:|~)?/?{_PART}(?:/{_PART})*(?:@{_PART}(?:/{_PART})*)?"

@@ -5,13 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from labyrinth_core.errors import DatasetError
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
-from pipeline.machinery.folders import held
-from pipeline.season.commitment import Layout, Season, has_sha256
+from pipeline.config import Job
+from pipeline.machinery import held, leave, say
 from pipeline.season.judge import Row, publish, read_rows, settled
 from pipeline.season.options import SeasonStageOptions
+from pipeline.season.season import Layout, Season, has_sha256
 
 
 def run(job: Job[SeasonStageOptions]) -> None:

@@ -5,18 +5,14 @@ from __future__ import annotations
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.data import DatasetConfig
+from labyrinth_core.data import DatasetConfig, Manifest
 from labyrinth_core.errors import DatasetError, one_line
 from labyrinth_core.evaluation import KnownDataset, PolicyError, Results
-from labyrinth_core.version import build_versions
-from pipeline.config.stage import Job
-from pipeline.machinery.console import say
-from pipeline.machinery.markdown import table
-from pipeline.machinery.sums import HASHES, Sums
-from pipeline.season.commitment import Layout, Season, dataset, has_sha256
-from pipeline.season.judge import Row, check_row, judged, read_list, shown
+from pipeline.config import Job
+from pipeline.machinery import Sums, say, table
+from pipeline.season.judge import Row, check_row, fetched, judged, read_list, shown, versions
 from pipeline.season.options import SeasonStageOptions
-from pipeline.season.submission import fetched, versions
+from pipeline.season.season import Layout, Season, dataset, has_sha256
 
 EQUAL = "yes"
 """Shown for a submission whose results are reproduced to the last bit."""
@@ -82,14 +78,16 @@ def _other_files(layout: Layout, season: Season, paths: list[str]) -> int:
     say(f"{season.name}: the secret and the content of the test match the commitment.")
     changed = not Sums.read(layout.public).has(layout.season.name)
     if changed:  # Nothing else shows a change of the date.
-        say(f"{layout.season} is not the file that {HASHES} lists, so its date is not confirmed.")
+        say(
+            f"{layout.season} is not the file that {Sums.FILE} lists, so its date is not confirmed."
+        )
     if not paths:
         say(f"All {len(season.shards)} files of the test are identical.")
         return int(changed)
     then = season.versions
     unlike = [
         f"{name} {then[name]}, here {here}"
-        for name, here in build_versions().items()
+        for name, here in Manifest.current_versions().items()
         if name in then and then[name] != here
     ]
     why = f"as written by {'; '.join(unlike)}" if unlike else "although the versions are equal"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from labyrinth_core.doors import door
 
 if TYPE_CHECKING:  # `as` marks a name as public for type checkers.
-    from pipeline.training.finished import require_run as require_run
-    from pipeline.training.finished import show as show
+    from pipeline.training.record import require_run as require_run
+    from pipeline.training.record import show as show
 else:
-    __getattr__, __dir__ = door(__name__, {"finished": ("require_run", "show")})
+    __getattr__, __dir__ = door(__name__, {"record": ("require_run", "show")})

@@ -1,22 +1,88 @@
-"""What determines a run: its options compared with a record, its network, and its device."""
+"""What determines a run: its method and settings, its network, its device, and its description.
+
+A built-in method is a module of `labyrinth_core.learning.methods` with two classes, `Settings` and
+`Method`. A user's own method, `method=custom method._target_=module.Class`, has `Settings` in the
+same module (docs/new-method.md).
+"""
 
 from __future__ import annotations
 
 from collections.abc import Mapping
+from dataclasses import MISSING, fields
 from importlib import import_module
+from inspect import isabstract, isclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
+
+import torch
 
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.learning import NetworkSpec
+from labyrinth_core.learning import BaseSettings, Learner, NetworkSpec
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
-from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import differences
+from pipeline.config import ConfigError, Job, TrainingOptions, check, check_options, frozen
+from pipeline.machinery import Sums
 
-if TYPE_CHECKING:
-    import torch
+
+def find(
+    name: str, values: Mapping[str, Any], protocol: str = "default"
+) -> tuple[type[Learner], BaseSettings]:
+    """Return a method and its settings.
+
+    Args:
+        name: The name of a method, such as `bc`, or `module:Class` for a user's method.
+        values: Values of settings; the other settings have their defaults.
+        protocol: One of `PROTOCOLS`.
+
+    Raises:
+        ConfigError: The method or a setting does not exist, or a value is not allowed.
+    """
+    if ":" in name:
+        method, settings = _of_user(name)
+    else:
+        ours = TrainingOptions.METHODS
+        check(name in ours, f"method={name}: choose one of [{', '.join(ours)}]")
+        module = import_module(f"labyrinth_core.learning.methods.{name}")
+        method, settings = module.Method, module.Settings
+    allowed = [method.protocol] if method.protocol else ["default", "paper"]
+    supported = f"method={name} supports only {' or '.join(allowed)}"
+    check(protocol in allowed, f"protocol={protocol}: {supported}")
+    chosen_values = {key: value for key, value in values.items() if key != "name"}
+    for each in fields(settings):
+        has_value = each.name in chosen_values or each.default is not MISSING
+        check(has_value, f"method.{each.name} is missing: give it a value")
+    chosen = frozen(settings, chosen_values, "method.")
+    check_options(chosen, settings, "method.")
+    return method, chosen
+
+
+def _of_user(name: str) -> tuple[type[Learner], type[BaseSettings]]:
+    """Return a user's class `module:Class`, and its settings.
+
+    A module that imports the class from another one may have `Settings` of its own for it.
+
+    Raises:
+        ConfigError: The class does not exist, is not a method, or has the name of a built-in one.
+    """
+    options = TrainingOptions(method={"name": name})
+    method, title = options.users_method(), options.method_title
+    check(
+        isclass(method) and issubclass(method, Learner) and not isabstract(method),
+        f"method={name}: give a class that inherits from labyrinth_core.learning.Learner and "
+        "has a method epoch",
+    )
+    named = import_module(name.partition(":")[0])
+    settings = getattr(named, "Settings", None) or method.settings_class()
+    check(
+        isclass(settings)
+        and issubclass(settings, BaseSettings)
+        and "__dataclass_fields__" in vars(settings),
+        f"method={name}: its Settings class has to be a dataclass that inherits from BaseSettings",
+    )
+    check(
+        method.protocol is not None or title.lower() not in TrainingOptions.METHODS,
+        f"method={name}: {title} is the name of another method; rename the class or the module",
+    )
+    return method, settings
 
 
 def identify(
@@ -56,7 +122,7 @@ def require_same(
     thing: str, actual: Mapping[str, Any], required: Mapping[str, Any], advice: str = ""
 ) -> None:
     """Raise a DatasetError that lists how `actual` differs from `required`, if it does."""
-    if differing := differences(options_of(actual), options_of(required)):
+    if differing := Sums.differences(options_of(actual), options_of(required)):
         raise DatasetError(f"{thing} with {differing}{advice}")
 
 
@@ -81,8 +147,6 @@ def choose_device(options: TrainingOptions) -> torch.device:
     Raises:
         ConfigError: The device does not exist.
     """
-    import torch
-
     if options.threads is not None:
         torch.set_num_threads(options.threads)
     available = torch.accelerator.is_available()

@@ -5,13 +5,9 @@ This module does not import torch, so that `labyrinth-datasets --help` stays qui
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
-from pipeline.config.option import option
-from pipeline.config.options import WorkOptions
-from pipeline.config.stage import Job, Stage
-from pipeline.config.training import TrainingOptions
+from pipeline.config import Stage, TrainingOptions, WorkOptions, option
 
 
 @dataclass(frozen=True)
@@ -21,15 +17,11 @@ class TrainOptions(TrainingOptions, WorkOptions):
     tensorboard: bool = option(False, "also write the learning curves for TensorBoard")
 
 
-def _check(job: Job[TrainOptions], stages: Sequence[str]) -> None:  # noqa: ARG001
-    job.options.check_training()
-
-
 STAGES = {
     "train": Stage(
         "pipeline.training.train",
         TrainOptions,
-        _check,
+        lambda job, _: job.options.check_training(),
         headings={"Training, by 'stages=[train,evaluate]'": TrainOptions},
     )
 }

@@ -1,4 +1,4 @@
-"""The record of a finished run: `run.json`, with hashes of the other files, and learning curves."""
+"""A finished run: its record `run.json`, its learning curves, and its policy, opened again."""
 
 from __future__ import annotations
 
@@ -6,20 +6,29 @@ import io
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
 
-from labyrinth_core.errors import one_line
-from labyrinth_core.evaluation import Results
+from labyrinth_core.data import Dataset
+from labyrinth_core.errors import DatasetError, one_line
+from labyrinth_core.evaluation import Evaluation, Player, Results, TrainedRun
 from labyrinth_core.learning import PolicySpec
-from labyrinth_core.policies import RunRecord
+from labyrinth_core.pictures import ObservationSpec
+from labyrinth_core.policies import RunRecord, open_policy, read_tensors
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.config.stage import Job
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.console import say
-from pipeline.machinery.sums import Sums
-from pipeline.training.checkpoint import Progress
+from pipeline.config import ConfigError, Job, TrainingOptions
+from pipeline.machinery import Sums, leave, say
+from pipeline.training.identity import (
+    choose_device,
+    find,
+    identify,
+    options_of,
+    require_same,
+    spec_of,
+    without_place,
+)
+from pipeline.training.loop import Progress
 
 CHECKPOINT = "checkpoint.safetensors"
 CURVES = "curves.png"
@@ -129,3 +138,91 @@ def _curves(title: str, history: Sequence[Mapping[str, Any]]) -> bytes:
     png = io.BytesIO()
     figure.savefig(png, format="png", metadata={"Software": None})
     return png.getvalue()
+
+
+def require_run(job: Job[TrainingOptions], folder: Path) -> RunRecord:
+    """Return the record of a finished run, which the options describe.
+
+    Raises:
+        DatasetError: The run is not finished, or was trained with other options.
+    """
+    record = _record_in(folder)
+    options, about = job.options, record.content["run"]
+    named = identify(job, about["settings"], about["fingerprint"])
+    another = ": move it elsewhere, or replace it with stages=train overwrite=true"
+    require_same(f"{folder} was trained", without_place(about), without_place(named), another)
+    if options.method.keys() > {"name"}:
+        settings = {**about["settings"], **options.method}
+        _, asked = find(options.method_name, settings, options.protocol)
+        advice = ": leave the option out, or train with it first"
+        require_same(f"{folder} was trained", about, about | {"settings": asdict(asked)}, advice)
+    return record
+
+
+def show(
+    job: Job[TrainingOptions], folder: Path, data: Dataset, record: RunRecord | None = None
+) -> tuple[Evaluation, dict[str, Any]]:
+    """Return the policy of a run with a dataset, on the chosen device, and the run's key.
+
+    Args:
+        job: The options.
+        folder: The folder of the run.
+        data: The dataset that it is evaluated on.
+        record: The record of the run, if the options describe it: they name its method, too.
+
+    Raises:
+        ConfigError: The device does not exist.
+        DatasetError: The run is not finished, or damaged.
+        PolicyError: The policy cannot be shown the labyrinths of the dataset.
+    """
+    device, found = choose_device(job.options), record or _record_in(folder)
+    run, made = found.trained_run(device.type), found.content["run"]
+    if record is not None and ":" in job.options.method_name:
+        return _of_users_method(job, folder, data, run, made["settings"]), options_of(made)
+    policy = open_policy(folder)
+    policy.network.to(device)
+    return Evaluation.of(policy, data, run=run), options_of(made)
+
+
+def _record_in(folder: Path) -> RunRecord:
+    record = RunRecord.read(folder)
+    if record is None:
+        raise DatasetError(f"{folder} holds no finished run: stages=train makes it")
+    return record
+
+
+def _of_users_method(
+    job: Job[TrainingOptions],
+    folder: Path,
+    data: Dataset,
+    run: TrainedRun,
+    values: Mapping[str, Any],
+) -> Evaluation:
+    """Return the policy of a user's method, which may have its own network and memory.
+
+    Args:
+        job: The options, which name the method.
+        folder: The folder of the run.
+        data: The dataset that it is evaluated on.
+        run: The run.
+        values: The settings of the method in the run.
+    """
+    options, about, spec = job.options, data.manifest.config, spec_of(job)
+    method, settings = find(options.method_name, values, options.protocol)
+    spec.require_same_vectors(about.height, about.width, about.task)
+    path = folder / PolicySpec.WEIGHTS
+    try:
+        policy = method.trained(read_tensors(path)[0], spec, settings, choose_device(options))
+    except (OSError, ValueError, RuntimeError) as error:
+        reason = f"{path} is not a policy of this network"
+        raise DatasetError(f"{reason}: {one_line(error):.300}") from error
+    size = method.image_size(spec, settings, about.height, about.width)
+    resize = options.resize
+    shape = replace(spec, height=about.height, width=about.width)
+    return Evaluation(
+        data,
+        Player.of(method.player(policy, shape, settings), run.seed),
+        ObservationSpec(options.observation, size, draw=True, resize=resize),
+        run.seed,
+        run=run,
+    )

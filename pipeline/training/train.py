@@ -24,23 +24,25 @@ from labyrinth_core.learning import BaseSettings, Learner, PolicySpec, Problem
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE, ObservationSpec
 from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.errors import check
-from pipeline.config.stage import Job
-from pipeline.config.training import TrainingOptions
-from pipeline.machinery.artifact import produced
-from pipeline.machinery.console import progress, say
-from pipeline.machinery.folders import held, within
-from pipeline.machinery.sums import Sums
-from pipeline.training.checkpoint import INSTEAD, Progress, identity_in, save_policy
+from pipeline.config import Job, TrainingOptions, check
+from pipeline.machinery import Sums, held, produced, progress, say, within
 from pipeline.training.identity import (
     choose_device,
+    find,
     identify,
     options_of,
     spec_of,
     without_place,
 )
-from pipeline.training.loop import CHECKPOINT_SECONDS, PROTOCOLS, fit
-from pipeline.training.method import find
+from pipeline.training.loop import (
+    CHECKPOINT_SECONDS,
+    INSTEAD,
+    PROTOCOLS,
+    Progress,
+    fit,
+    identity_in,
+    save_tensors,
+)
 from pipeline.training.options import TrainOptions
 from pipeline.training.record import CHECKPOINT, OURS, open_board, restore_curves, write_record
 
@@ -81,7 +83,10 @@ def run(job: Job[TrainOptions], *, checkpoint_seconds: float = CHECKPOINT_SECOND
     if not overwrite and kept.get("fingerprint") == identity["fingerprint"]:
         # The dataset may have moved since.
         identity |= {name: kept[name] for name in ("dataset", "revision") if name in kept}
-    rules: dict[str, Any] = {"mark": RunRecord.FILE, "names": files_of(job), "ours": OURS}
+    names = [RunRecord.FILE, PolicySpec.WEIGHTS]
+    if job.options.is_network_known:  # The library describes no network of a user's method.
+        names.append(PolicySpec.FILE)
+    rules: dict[str, Any] = {"mark": RunRecord.FILE, "names": names, "ours": OURS}
     rules |= {"overwrite": overwrite, "instead": INSTEAD}
     with held(working.parent, working.name):
         with produced(folder, options_of(identity), **rules) as made:
@@ -132,7 +137,8 @@ def _train(
         with _reporting(options, learner.settings.epochs, folder) as report:
             protocol = PROTOCOLS[options.protocol]
             done = fit(learner, judge, protocol, path, identity, report, checkpoint_seconds)
-    save_policy(folder / PolicySpec.WEIGHTS, done.weights, learner.problem.spec)
+    described = {"network": json.dumps(asdict(learner.problem.spec), sort_keys=True)}
+    save_tensors(folder / PolicySpec.WEIGHTS, done.weights, described)
     if options.is_network_known:
         text = json.dumps(learner.policy_spec.to_json(), indent=1)
         File(folder / PolicySpec.FILE).write_text(text + "\n")
@@ -150,37 +156,6 @@ def computed_on(device: torch.device) -> dict[str, Any]:
     return computed
 
 
-def loader_of(
-    job: Job[TrainingOptions], data: Dataset, image_size: int = DEFAULT_IMAGE_SIZE
-) -> Callable[..., LabyrinthArrays]:
-    """Return a function that loads a split with the run's observation, or with another one.
-
-    The function takes the split and, optionally, the observation, and the number of labyrinths, the
-    first ones, if not all are needed. If the run learns from the first labyrinths of train only, it
-    loads only these of each split that is derived from train: the others have structures that are
-    new to the policy.
-    """
-    options = job.options
-
-    def load(
-        split: str, observation: str = options.observation, first: int | None = None
-    ) -> LabyrinthArrays:
-        selection = data.of_first(split, options.first_labyrinths).filter(labyrinths=first)
-        resize = options.resize
-        return LabyrinthArrays.of(selection, ObservationSpec(observation, image_size, True, resize))
-
-    return load
-
-
-def files_of(job: Job[TrainingOptions]) -> list[str]:
-    """Return the names of the files without which the folder of a run is damaged.
-
-    The library describes no network of a user's method, so such a run has no `config.json`.
-    """
-    described = [PolicySpec.FILE] * job.options.is_network_known
-    return [RunRecord.FILE, PolicySpec.WEIGHTS, *described]
-
-
 def prepare(
     job: Job[TrainingOptions],
     data: Dataset,
@@ -191,9 +166,19 @@ def prepare(
     """Return a fresh learner, and a function that evaluates its policy on train and validation."""
     options = job.options
     spec = spec_of(job)
-    train = loader_of(job, data)("train")
     size = method.image_size(spec, settings, spec.height, spec.width)
-    load = loader_of(job, data, size)
+
+    def load(split: str, image_size: int, first: int | None = None) -> LabyrinthArrays:
+        """Return the first labyrinths of a split, or all, with pictures of this size.
+
+        If the run learns from the first labyrinths of train only, so are those of each split that
+        is derived from train: the others have structures that are new to the policy.
+        """
+        selection = data.of_first(split, options.first_labyrinths).filter(labyrinths=first)
+        seen = ObservationSpec(options.observation, image_size, True, options.resize)
+        return LabyrinthArrays.of(selection, seen)
+
+    train = load("train", DEFAULT_IMAGE_SIZE)
     shards = data.manifest.of("validation")
     counts = {"train": len(train.initial), "validation": sum(each.labyrinths for each in shards)}
     limited = [split for split, count in counts.items() if count > TRIED]
@@ -204,7 +189,7 @@ def prepare(
     splits = {
         split: train
         if whole and split == "train"
-        else load(split, first=TRIED if split in limited else None)
+        else load(split, size, TRIED if split in limited else None)
         for split in counts
     }
 

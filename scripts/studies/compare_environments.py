@@ -33,8 +33,8 @@ from environments.variation_report import write_report
 from labyrinth_core.data import DatasetConfig
 from labyrinth_core.storage import File
 from labyrinth_core.version import __version__
-from pipeline.command.dataset import DatasetOptions, dataset_config
-from pipeline.machinery.executor import ordered_map
+from pipeline.command.composed import DatasetOptions, dataset_config
+from pipeline.machinery import ordered_map
 
 CHUNK = 100
 """The number of seeds whose episodes are played and saved together."""

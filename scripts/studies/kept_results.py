@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.scores import interval
 from labyrinth_core.storage import File
-from pipeline.results.paper import METHODS, name_of
+from pipeline.results.leaderboard import IN_PRINT, name_of
 
 RESULTS = Path(__file__).parents[2] / "docs/results"
 
@@ -52,7 +52,7 @@ def read_runs(folder: str, pattern: str = "*.json") -> list[Run]:
 def by_method(runs: Sequence[Run]) -> dict[str, list[Run]]:
     """Group runs by the name of their method: the paper's first, in its order."""
     found = {each["run"]["method"] for each in runs}
-    order = [*(name for name in METHODS if name in found), *sorted(found - METHODS.keys())]
+    order = [*(name for name in IN_PRINT if name in found), *sorted(found - IN_PRINT.keys())]
     return {
         name_of(method): [each for each in runs if each["run"]["method"] == method]
         for method in order
@@ -62,14 +62,6 @@ def by_method(runs: Sequence[Run]) -> dict[str, list[Run]]:
 def solved_in(group: Sequence[Run], name: str) -> NDArray[np.float64]:
     """Return 1 for each solved labyrinth of a set, else 0, shape (seeds, labyrinths)."""
     return np.stack([each["solved"][name] for each in group])
-
-
-def grouped(runs: Iterable[Run], *names: str) -> dict[tuple[Any, ...], list[Run]]:
-    """Group runs by their values of `names`, in ascending order."""
-    groups: dict[tuple[Any, ...], list[Run]] = {}
-    for each in runs:
-        groups.setdefault(tuple(each[name] for name in names), []).append(each)
-    return dict(sorted(groups.items()))
 
 
 def percent(mean: float, low: float, high: float) -> str:

@@ -24,11 +24,12 @@ from kept_results import RESULTS, Run, by_method, rate, read_runs, solved_in, wh
 from methods.authors.learner import try_out
 from run_queue import AUTHORS
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.evaluation.scores import Scores
-from pipeline.machinery.markdown import table
-from pipeline.results.paper import METHODS, PaperFigure, paper_figures
+from pipeline.machinery import table
+from pipeline.results.leaderboard import IN_PRINT
+from pipeline.results.tables import PaperFigure, paper_figures
 
 Rates = Mapping[tuple[str, str], float]
 """Split and method -> the success rate of usual runs, the mean over seeds."""
@@ -98,7 +99,7 @@ def beside() -> str:
                 theirs = ", ".join(whole(each["as_tried"][split]["sr"]) for each in runs)
                 figure = paper_figures()[config, split, method]
                 found.append(f"{printed_in(figure)} / {theirs} / {whole(usual[split, method])}")
-            rows.append([f"{config}, {METHODS[method]}, {epochs} epochs", *found])
+            rows.append([f"{config}, {IN_PRINT[method]}, {epochs} epochs", *found])
     heading = "% solved: printed / authors' protocol, each seed / ours"
     return table([heading, *(f"`{split}`" for split in SPLITS.evaluated)], rows)
 
@@ -113,7 +114,7 @@ def verdicts() -> str:
             if verdict == "not run":
                 verdict += f": {AUTHORS[config][method][1]} hours"
             found.append(f"{whole(printed)} / {tried} / {whole(ours)}, {verdict}")
-        rows.append([f"{config}, {METHODS[method]}", *found])
+        rows.append([f"{config}, {IN_PRINT[method]}", *found])
     heading = "% solved: printed / authors' protocol / ours"
     return table([heading, *(f"`{split}`" for split in SPLITS.evaluated)], rows, "l" * 6)
 
@@ -129,7 +130,7 @@ def resnet() -> str:
                 _judged_in(runs, paper_figures()[config, split, method])
                 for split in SPLITS.evaluated
             )
-            rows.append([f"{config}, {METHODS[method]}", str(len(runs)), str(epochs), *cells])
+            rows.append([f"{config}, {IN_PRINT[method]}", str(len(runs)), str(epochs), *cells])
     heading = ["% solved: printed / ResNet-18 here", "seeds", "epochs"]
     return table([*heading, *(f"`{split}`" for split in SPLITS.evaluated)], rows, "lrr" + "l" * 5)
 
@@ -156,7 +157,7 @@ def judged_cells() -> dict[tuple[str, str], list[Judged]]:
     for config in sorted({config for config, _, _ in paper_figures()}):
         usual = usual_rates(config)
         tried = runs_of(config) if config in sizes_of() else []
-        for method in METHODS:
+        for method in IN_PRINT:
             runs = [each["run"] for each in tried if each["run"]["method"] == method]
             found[config, method] = [
                 judge(
@@ -210,7 +211,7 @@ def about(kept: Run) -> list[str]:
     changed = (f"{name} {value:,}" for name, value in chosen.items() if value != script[name])
     epoch = run["training"]["selected"]["epoch"]
     return [
-        f"{METHODS[run['method']]}, {run['config']}, seed {run['seed']}",
+        f"{IN_PRINT[run['method']]}, {run['config']}, seed {run['seed']}",
         ", ".join(changed),
         f"epoch {epoch}",
     ]
@@ -226,7 +227,7 @@ def cells(kept: Run, usual: Rates) -> list[list[str]]:
         found = {"authors": fits(printed, theirs, count), "usual": fits(printed, ours, count)}
         rows.append(
             [
-                METHODS[run["method"]],
+                IN_PRINT[run["method"]],
                 str(run["seed"]),
                 f"`{split}`",
                 printed_in(printed, " †"),

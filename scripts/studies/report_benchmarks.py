@@ -9,10 +9,10 @@ from figures import COLOURS, INK
 from kept_results import RESULTS
 from matplotlib.figure import Figure
 
+from labyrinth_core.benchmarks.environment import seeds_of
 from labyrinth_core.benchmarks.levels import percent
-from labyrinth_core.benchmarks.seeds import seeds_of
 from labyrinth_core.storage import File
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 
 Certificate = dict[str, Any]
 """The JSON of a certificate."""

@@ -23,10 +23,10 @@ from run_queue import HOURS, LONGEST, SCALING, missing_in
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.scores import interval
 from labyrinth_core.storage import File
-from pipeline.machinery.markdown import table
-from pipeline.results.comparison import conclusion, differences_of, interquartile_mean
-from pipeline.results.entry import RANKED_BY as SPLIT
-from pipeline.results.paper import METHODS, name_of
+from pipeline.machinery import table
+from pipeline.results.leaderboard import IN_PRINT, name_of
+from pipeline.results.leaderboard import RANKED_BY as SPLIT
+from pipeline.results.tables import conclusion, differences_of, interquartile_mean
 
 ABOUT_PAIRS = f"""\
 On {SPLIT}, the mean SR over seeds of the row's method minus that of the column's, in points, and in
@@ -66,7 +66,7 @@ def thousand() -> Groups:
 
 def six(groups: Groups) -> list[Any]:
     """Return the runs of the paper's six methods."""
-    return [run for name in METHODS.values() for run in groups[name]]
+    return [run for name in IN_PRINT.values() for run in groups[name]]
 
 
 def rates() -> str:

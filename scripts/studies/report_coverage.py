@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.evaluation.scores import interval
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 
 SHARES = (0.02, 0.1, 0.5, 0.9, 0.98)
 """The true success rates."""

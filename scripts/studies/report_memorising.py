@@ -11,8 +11,8 @@ from kept_results import RESULTS
 from memorising import REFERENCES, SIX, TWENTY, Asked, planned
 
 from labyrinth_core.storage import File
-from pipeline.machinery.markdown import table
-from pipeline.results.paper import name_of
+from pipeline.machinery import table
+from pipeline.results.leaderboard import name_of
 
 Kept = dict[str, Any]
 """The JSON of a policy that was asked."""

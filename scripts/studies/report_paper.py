@@ -14,8 +14,9 @@ from kept_results import RESULTS, Run, by_method, read_runs, solved_in, whole
 
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation.replanner import REPLANNERS
-from pipeline.machinery.markdown import table
-from pipeline.results.paper import name_of, paper_figures
+from pipeline.machinery import table
+from pipeline.results.leaderboard import name_of
+from pipeline.results.tables import paper_figures
 
 REFERENCES = {
     "route memory": ("route_memory", "sr"),

@@ -20,8 +20,8 @@ from numpy.typing import NDArray
 from run_queue import GOALS, MANY, SCALING, STEPS, missing_in, scaling
 
 from labyrinth_core.evaluation import RunName
-from pipeline.machinery.markdown import table
-from pipeline.results.paper import name_of
+from pipeline.machinery import table
+from pipeline.results.leaderboard import name_of
 
 RESAMPLES = 2_000
 

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from labyrinth_core.data import SPLITS
 from labyrinth_core.evaluation.baselines import REFERENCES
 from labyrinth_core.evaluation.scores import interval
-from pipeline.machinery.markdown import table
+from pipeline.machinery import table
 
 CELLS = {
     (0, 0, 0): "train",

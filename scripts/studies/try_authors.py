@@ -16,9 +16,8 @@ from labyrinth_core import Dataset, load_policy
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Evaluation, Results
 from labyrinth_core.policies.load import RunRecord
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.sums import Sums
-from pipeline.training.method import find
+from pipeline.machinery import Sums, leave
+from pipeline.training.identity import find
 
 
 def main() -> None:

@@ -6,12 +6,10 @@ from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from huggingface_hub import constants, file_download
 from support.making import make
-from support.publishing import REPO
+from support.publishing import REPO, connected
 
 from hub.local_hub import LocalHub
-from hub.state import TOKENS
 
 CONFIG = "2x3"
 
@@ -26,20 +24,9 @@ def versions(tmp_path_factory: pytest.TempPathFactory) -> list[Path]:
 
 
 @pytest.fixture
-def faulty(
-    versions: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> Iterator[LocalHub]:
+def faulty(versions: list[Path], tmp_path: Path) -> Iterator[LocalHub]:
     """Yield a Hub with the older dataset, which this process reads with an empty cache."""
-    with LocalHub(tmp_path / "hub") as hub:
-        monkeypatch.setenv("HF_TOKEN", TOKENS["write"])
-        monkeypatch.setenv("LABYRINTH_HUB_SECONDS", "5")
-        monkeypatch.setattr(constants, "HF_HUB_CACHE", str(tmp_path / "cache"))
-        monkeypatch.setattr(constants, "HF_HUB_OFFLINE", False)
-        monkeypatch.setattr(constants, "HF_HUB_DISABLE_XET", True)
-        monkeypatch.setattr(constants, "ENDPOINT", hub.url)
-        template = "/{repo_id}/resolve/{revision}/{filename}"
-        monkeypatch.setattr(constants, "HUGGINGFACE_CO_URL_TEMPLATE", hub.url + template)
-        monkeypatch.setattr(file_download.time, "sleep", lambda _: None)  # Before all retries.
+    with LocalHub(tmp_path / "hub") as hub, connected(hub):
         put(hub, versions[0])
         yield hub
     assert not hub.failures, "\n".join(hub.failures)

@@ -15,13 +15,12 @@ from hub.conftest import CONFIG, put
 from hub.faults import UNLIMITED
 from hub.local_hub import LocalHub
 from labyrinth_core import hub as client
+from labyrinth_core import load_transitions, stream_episodes
 from labyrinth_core.data import Manifest
-from labyrinth_core.data.load import load_transitions
 from labyrinth_core.data.rows import rows_together
-from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.errors import DatasetError
+from labyrinth_core.policies import files_of
 from labyrinth_core.policies.load import located
-from labyrinth_core.policies.opening import files_of
 
 MODEL = "user/planner"
 SHARD = "train-00000-of-00001.parquet"
@@ -83,14 +82,14 @@ def test_a_release_that_arrives_during_a_load_is_not_mixed_with_the_one_before(
 
 @pytest.mark.parametrize("name", [Manifest.FILE, Manifest.TABLE, SHARD])
 def test_a_damaged_download_is_mended_before_anyone_hears_of_it(
-    faulty: LocalHub, versions: list[Path], tmp_path: Path, name: str
+    faulty: LocalHub, versions: list[Path], name: str
 ) -> None:
     right = values(versions[0], labyrinths=2)
     faulty.faults.damage("GET", f"/resolve/.*{name}", times=UNLIMITED)
     assert f"{name} is damaged: " in refusal(REPO, labyrinths=2)
     faulty.faults.clear()
     assert values(REPO, labyrinths=2) == right
-    [link] = tmp_path.glob(f"cache/*/snapshots/*/{CONFIG}/{name}")
+    [link] = Path(constants.HF_HUB_CACHE).glob(f"*/snapshots/*/{CONFIG}/{name}")
     content = bytearray(link.read_bytes())
     content[len(content) // 2] ^= 1
     link.resolve().write_bytes(content)

@@ -18,7 +18,7 @@ from hub.local_hub import LocalHub
 from labyrinth_core import hub as client
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.release import publish
 from pipeline.release.card import write_card
 from pipeline.release.faults import explained
@@ -33,13 +33,19 @@ COMMITTING = ("POST", "/commit/main$")
 SHARD = "2x3/train-00000-of-00001.parquet"
 
 
-@pytest.fixture
-def folder(versions: list[Path], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    """A finished dataset with its card; samples of its releases are not loaded."""
-    monkeypatch.setattr(publish, "loaded", lambda *_: "")
-    folder = Path(shutil.copytree(versions[1], tmp_path / "labyrinth"))
+@pytest.fixture(scope="module")
+def carded(versions: list[Path], tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A finished dataset with its card; not to be changed."""
+    folder = Path(shutil.copytree(versions[1], tmp_path_factory.mktemp("carded") / "labyrinth"))
     write_card(folder, Release(REPO, "1.0.0"))
     return folder
+
+
+@pytest.fixture
+def folder(carded: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
+    """A copy of it, to be changed; samples of its releases are not loaded."""
+    monkeypatch.setattr(publish, "loaded", lambda *_: "")
+    return Path(shutil.copytree(carded, tmp_path / "labyrinth"))
 
 
 @pytest.fixture
@@ -164,8 +170,10 @@ def test_a_list_of_hashes_that_came_wrong_is_fetched_again(
     release(folder)
     newer = Path(shutil.copytree(versions[0], tmp_path / "newer"))
     write_card(newer, Release(REPO, "1.1.0"))
-    empty.faults.damage("GET", f"/resolve/.*{HASHES}", times=UNLIMITED)
-    assert refusal(newer, "1.1.0") == f"{REPO}: the Hub lists {HASHES}, but gives another content"
+    empty.faults.damage("GET", f"/resolve/.*{Sums.FILE}", times=UNLIMITED)
+    assert (
+        refusal(newer, "1.1.0") == f"{REPO}: the Hub lists {Sums.FILE}, but gives another content"
+    )
     assert held(empty) == hashes(folder)
     empty.faults.clear()
     release(newer, "1.1.0")
@@ -283,7 +291,7 @@ def test_a_shard_that_changes_at_any_moment_is_released_as_listed_or_not_at_all(
         error = str(refused)
     finally:
         thread.join()
-    told = f"{shard} has changed since it was checked: its sha256 is not the one in {HASHES}"
+    told = f"{shard} has changed since it was checked: its sha256 is not the one in {Sums.FILE}"
     assert error.startswith(told) or not error
     assert held(empty) == ({} if error else right)
     assert ("refs/tags/1.0.0" in empty.refs(REPO)) == (not error)

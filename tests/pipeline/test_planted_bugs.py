@@ -8,8 +8,7 @@ from contextlib import chdir
 from pathlib import Path
 
 import pytest
-from support.composing import composed
-from support.making import Run, perform
+from support.making import Run, composed, perform
 from support.policies import RELEASED
 
 from pipeline.command.stages import STAGES
@@ -30,12 +29,12 @@ PLANTS = {
         ((), "pipeline.generation.check_rows:_remade"),
         *[((), "pipeline.questions.check:routes_of")] * ("questions" in STAGES),
     ],
-    "analyse": [((), "pipeline.inspection.counts:Solver")],
+    "analyse": [((), "pipeline.inspection.statistics:Solver")],
     "questions": [(("overwrite=true",), "pipeline.questions.check:question")],
-    "card": [((), "pipeline.inspection.statistics:_pair")],
+    "card": [((), "pipeline.inspection.analyse:_pair")],
     "report": [
-        ((), "pipeline.inspection.statistics:_pair"),
-        ((), "pipeline.inspection.counts:Solver"),
+        ((), "pipeline.inspection.analyse:_pair"),
+        ((), "pipeline.inspection.statistics:Solver"),
     ],
     "publish": [
         (
@@ -51,26 +50,24 @@ PLANTS = {
     "evaluate": [
         ((f"policy={RELEASED}",), "labyrinth_core.learning.spec:_read"),
         ((f"policy={RELEASED}",), "labyrinth_core.evaluation.evaluate:Evaluation.results"),
-        ((*TRAINING, "overwrite=true"), "pipeline.training.finished:require_same"),
+        ((*TRAINING, "overwrite=true"), "pipeline.training.record:require_same"),
     ],
     "results": [((), "labyrinth_core.typed:read_as")],
     "certify": [
-        (("certify.source=data",), "pipeline.certify.labyrinths:parse"),
+        (("certify.source=data",), "pipeline.certify.stage:parse"),
         (
             (
                 "certify.source=gymnasium:CartPole-v1",
                 "certify.train=0:4",
                 "certify.test=4:8",
             ),
-            "labyrinth_core.benchmarks.tape:Tape.play",
+            "labyrinth_core.benchmarks.encoding:Tape.play",
         ),
     ],
-    "season": [((*SEASON, "season.name=b"), "pipeline.season.commitment:check_rows")],
-    "judge": [
-        ((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.commitment:Season._check")
-    ],
-    "reveal": [(SEASON, "pipeline.season.commitment:Season._check")],
-    "verify": [(SEASON, "pipeline.season.commitment:Season._check")],
+    "season": [((*SEASON, "season.name=b"), "pipeline.season.season:check_rows")],
+    "judge": [((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.season:Season._check")],
+    "reveal": [(SEASON, "pipeline.season.season:Season._check")],
+    "verify": [(SEASON, "pipeline.season.season:Season._check")],
 }
 """Stage -> options, and a function that it calls."""
 

@@ -11,20 +11,16 @@ import numpy as np
 import pytest
 import torch
 from support.learning import equal_weights, states_seen_by, targets_of
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core.evaluation import Results
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.networks.acting import outputs_of
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.learning import Learner, Problem, outputs_of
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, Structure
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation import evaluate
+from pipeline.config import ConfigError
 from pipeline.training import train
+from pipeline.training.identity import find
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.method import find
-from pipeline.training.record import CHECKPOINT
 from scripts.studies import try_authors
 from scripts.studies.methods.authors import bco, iupe, sqil
 from scripts.studies.methods.authors.learner import VISITS, AuthorsLearner, rows_of, try_out
@@ -328,7 +324,7 @@ def test_each_method_keeps_the_first_best_policy_by_its_own_figure(
     def judge(_: Any) -> dict[str, float]:
         return {"validation_sr": 0.5, **misleading, figure: next(tried)}
 
-    path = tmp_path / CHECKPOINT
+    path = tmp_path / "checkpoint"
     done = fit(learner, judge, PROTOCOLS["authors"], path, {}, lambda _: None)
     assert done.best is not None
     assert done.best["epoch"] == kept
@@ -357,7 +353,7 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
     record = json.loads((run.training_folder / RunRecord.FILE).read_text())
     assert run.training_folder.name == "sqil-cnn-seed0-authors"
     assert {"validation_accuracy", "train_return"} <= record["selected"].keys()
-    evaluate.run(run)
+    perform("evaluate", run)
     results = Results.load(run.training_folder / "results.json").run
     assert results is not None
     assert results.as_tried is None
@@ -370,7 +366,7 @@ def test_a_run_of_the_protocol_says_what_is_changed_and_is_evaluated_as_the_code
     assert found.run.as_tried is not None
     assert found.run.as_tried.keys() == found.splits.keys()
     assert 0 < found.run.as_tried["test"]["sr"] <= 1
-    evaluate.run(run)  # The file is still the run's own.
+    perform("evaluate", run)  # The file is still the run's own.
 
 
 def test_the_usual_settings_are_refused_in_one_line() -> None:

@@ -30,12 +30,12 @@ def ended(command: list[str], **options: Any) -> subprocess.CompletedProcess[str
     return subprocess.run(command, check=False, **kept | options)
 
 
-def refused(*arguments: str) -> str:
-    """Return the one line that a mistake is answered with, of the command run in this process."""
-    errors = io.StringIO()
+def answered(*arguments: str) -> subprocess.CompletedProcess[str]:
+    """Return what the command prints and how it ends, run in this process, which is quicker."""
+    output, errors = io.StringIO(), io.StringIO()
     with (
         pytest.MonkeyPatch.context() as patch,
-        redirect_stdout(io.StringIO()),
+        redirect_stdout(output),
         redirect_stderr(errors),
     ):
         patch.setattr(sys, "argv", [str(RUN), *arguments])
@@ -48,7 +48,12 @@ def refused(*arguments: str) -> str:
             status = run_command()
         except SystemExit as ended:
             status = int(str(ended.code))
-    return error_of(subprocess.CompletedProcess(arguments, status, "", errors.getvalue()))
+    return subprocess.CompletedProcess(arguments, status, output.getvalue(), errors.getvalue())
+
+
+def refused(*arguments: str) -> str:
+    """Return the one line that a mistake is answered with, of the command run in this process."""
+    return error_of(answered(*arguments))
 
 
 def error_of(result: subprocess.CompletedProcess[str]) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from labyrinth_core.data.load import load_episodes
+from labyrinth_core import load_episodes
 from labyrinth_core.language import labyrinth_id, parse
 from labyrinth_core.world import Task
 

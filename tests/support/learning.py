@@ -13,15 +13,11 @@ import pytest
 import torch
 from numpy.typing import NDArray
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.learning.steps import Observations, load_steps
-from pipeline.training import checkpoint
-from pipeline.training.checkpoint import Progress
-from pipeline.training.method import find
+from labyrinth_core.learning import Learner, NetworkSpec, Problem
+from pipeline.training import loop
+from pipeline.training.identity import find
 from support.making import Run
 
 torch.set_num_threads(1)
@@ -30,33 +26,40 @@ torch.set_num_threads(1)
 @pytest.fixture(scope="session")
 def problem_of(small_dataset: Run) -> Callable[..., Problem]:
     """A function that returns a problem with eight labyrinths of 3x3."""
-    folder, data = small_dataset.data_dir, Dataset.at(small_dataset.folder)
-    arrays = {
-        encoder: load_arrays(folder, "3x3", "train", observation=sees)
+    data = Dataset.at(small_dataset.folder)
+    problems = {
+        encoder: Problem.of_dataset(
+            data,
+            load_arrays(small_dataset.data_dir, "3x3", "train", observation=sees),
+            NetworkSpec(encoder, 3, 3, "navigation"),
+            learner="a test",
+        )
         for encoder, sees in (("mlp", "vector"), ("cnn", "image"))
     }
-    demonstrations, exploration = (
-        load_steps(data[split], arrays["mlp"]) for split in ("train", "random")
-    )
+    explored = problems["mlp"].exploration()
 
     def make(seed: int = 0, encoder: str = "mlp", **changed: Any) -> Problem:
         torch.manual_seed(seed)
-        problem = Problem(
-            arrays=arrays[encoder],
-            observations=Observations(arrays[encoder].observations, "cpu"),
-            demonstrations=demonstrations,
-            exploration=lambda: exploration,
-            spec=NetworkSpec(encoder, 3, 3, "navigation"),
-            rng=np.random.default_rng(seed),
-        )
-        return replace(problem, **changed)
+        given = {"rng": np.random.default_rng(seed), "exploration": lambda: explored}
+        return replace(problems[encoder], **given | changed)
 
     return make
+
+
+def method_of(name: str) -> Any:
+    """Return the class of a method."""
+    return find(name, {})[0]
 
 
 def settings_of(name: str, **values: Any) -> Any:
     """Return the settings of a method: those given, the others by default."""
     return find(name, values)[1]
+
+
+def learner_of(name: str, problem: Problem, **values: Any) -> Any:
+    """Return a fresh learner of a method, with the settings given, the others by default."""
+    method, settings = find(name, values)
+    return method(problem, settings)
 
 
 def equal_weights(left: Mapping[str, torch.Tensor], right: Mapping[str, torch.Tensor]) -> bool:
@@ -73,14 +76,14 @@ def require_reproducible(tmp_path: Path) -> Callable[[Callable[[int], Learner]],
     def after_two_epochs(learner: Learner) -> dict[str, torch.Tensor]:
         learner.epoch()
         if not path.exists():
-            checkpoint.save(path, learner, Progress(), {})
+            loop.save_checkpoint(path, learner, loop.Progress(), {})
         learner.epoch()
         return learner.policy.state_dict()
 
     def require(learner_of: Callable[[int], Learner]) -> None:
         whole, again, other = (after_two_epochs(learner_of(seed)) for seed in (0, 0, 1))
         resumed = learner_of(5)
-        checkpoint.load(path, resumed, {})
+        loop.load_checkpoint(path, resumed, {})
         resumed.epoch()
         assert equal_weights(whole, again)
         assert equal_weights(whole, resumed.policy.state_dict())

@@ -9,14 +9,11 @@ from pathlib import Path
 
 import numpy as np
 
-from labyrinth_core.learning.spec import (
-    NetworkSpec,
-    PlannerSpec,
-    PolicySpec,
-)
-from labyrinth_core.policies.load import RECORD_FORMAT, RunRecord
+from labyrinth_core.learning import NetworkSpec, PolicySpec
+from labyrinth_core.learning.spec import PlannerSpec
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.training import TrainingOptions
+from pipeline.config import TrainingOptions
 
 RELEASED = Path(__file__).parents[2] / "docs" / "results" / "released" / "5x5" / "planner-seed0"
 RELEASED_SPEC = PolicySpec(
@@ -26,23 +23,28 @@ RELEASED_SPEC = PolicySpec(
 )
 
 
-def lay_out_run(folder, spec, **run):
+def network_of(spec):
+    """Return the network of a policy with fresh weights."""
+    from labyrinth_core.learning.networks.acting import make_network
+
+    return make_network(spec.network, average=spec.average, own=spec.own)
+
+
+def lay_out_run(folder, spec, deviation=1.0, **run):
     """Write a run whose policy has random weights into a new folder; return the folder."""
     import torch
     from safetensors.torch import save_file
 
-    from labyrinth_core.learning.networks.acting import make_network
-
     folder.mkdir(parents=True)
-    network = make_network(spec.network, average=spec.average, own=spec.own)
+    network = network_of(spec)
     for weights in network.parameters():
-        torch.nn.init.normal_(weights, generator=torch.Generator().manual_seed(0))
+        torch.nn.init.normal_(weights, std=deviation, generator=torch.Generator().manual_seed(0))
     described = {"network": json.dumps(asdict(spec.network))}
     save_file(network.state_dict(), folder / PolicySpec.WEIGHTS, described)
     settings = {"average": spec.average} | ({} if spec.own is None else asdict(spec.own))
     method = "bc" if spec.own is None else spec.network.encoder
     content = {
-        "format": RECORD_FORMAT,
+        "format": 2,
         "run": {
             "method": method,
             "encoder": spec.network.encoder,

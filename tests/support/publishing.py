@@ -1,4 +1,9 @@
-"""Publishing to the Hub on loopback by the real command line, and looking at what came of it."""
+"""Publishing to the Hub on loopback by the real command line, and looking at what came of it.
+
+A release is published in this process, which is quicker. It gets one of its own where it loads a
+sample, where it is killed, and where its environment has variables of which the Hub's client reads
+some when it is imported.
+"""
 
 from __future__ import annotations
 
@@ -6,15 +11,20 @@ import hashlib
 import os
 import signal
 import subprocess
+import tempfile
+import warnings
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import chdir, contextmanager, suppress
 from pathlib import Path
 
 import pytest
 from hub.faults import Rule
 from hub.local_hub import LocalHub
-from hub.state import Exchange
+from hub.state import TOKENS, Exchange
+from huggingface_hub import constants, file_download
+from huggingface_hub.utils import disable_progress_bars
 
+from support.commands import answered
 from support.quick_python import python
 
 ROOT = Path(__file__).parents[2]
@@ -43,15 +53,16 @@ def local_hub(tmp_path: Path) -> Iterator[LocalHub]:
     assert not hub.failures, "\n".join(hub.failures)
 
 
-def command(
-    data_dir: Path, version: str, *options: str, repo: str = REPO, verify: bool = False
-) -> list[str]:
+def asked(data_dir: Path, version: str, *options: str, repo: str = REPO) -> list[str]:
+    """Return the options of a release."""
+    own = f"data_dir={data_dir}", f"publish.repo_id={repo}", f"publish.version={version}"
+    return ["stages=[publish]", *own, *options]
+
+
+def command(*options: str, verify: bool) -> list[str]:
+    """Return the arguments of a Python that publishes."""
     program = [str(ROOT / "run.py")] if verify else ["-c", UNVERIFIED]
-    return [
-        *(*STRICT, *program, "stages=[publish]"),
-        *(f"data_dir={data_dir}", f"publish.repo_id={repo}", f"publish.version={version}"),
-        *options,
-    ]
+    return [*STRICT, *program, *options]
 
 
 def environment(hub: LocalHub, token: str | None = "write", **more: str) -> dict[str, str]:
@@ -64,6 +75,54 @@ def environment(hub: LocalHub, token: str | None = "write", **more: str) -> dict
     own |= {"QUICK_PYTHON_SLEEP": "0.02"}
     variables = hub.env(token) | own
     return variables | {"XDG_CACHE_HOME": variables["HF_HOME"]} | more
+
+
+@contextmanager
+def connected(hub: LocalHub, token: str | None = "write") -> Iterator[pytest.MonkeyPatch]:
+    """Let this process talk to a Hub with an empty cache, and not wait before it repeats a call.
+
+    The client has read the environment already, so what it has made of it is changed.
+    """
+    home = Path(hub.env()["HF_HOME"])
+    changed = {
+        "ENDPOINT": hub.url,
+        "HUGGINGFACE_CO_URL_TEMPLATE": f"{hub.url}/{{repo_id}}/resolve/{{revision}}/{{filename}}",
+        "HF_HUB_CACHE": str(home / "hub"),
+        "HF_HUB_OFFLINE": False,
+        "HF_HUB_DISABLE_XET": True,
+    }
+    disable_progress_bars()
+    with pytest.MonkeyPatch.context() as patch:
+        for name, value in changed.items():
+            patch.setattr(constants, name, value)
+        patch.setenv("LABYRINTH_HUB_SECONDS", "5")
+        patch.setattr(file_download.time, "sleep", lambda _: None)
+        patch.delenv("HF_TOKEN", raising=False)
+        if token is not None:
+            patch.setenv("HF_TOKEN", TOKENS[token])
+        yield patch
+
+
+def publish_here(
+    hub: LocalHub, token: str | None, *options: str, seconds: str
+) -> subprocess.CompletedProcess[str]:
+    """Return what became of a release that this process makes, without a sample loaded.
+
+    Args:
+        hub: The Hub.
+        token: The label of a token; None for none.
+        options: Those of the release.
+        seconds: Without a byte, after which a call fails.
+    """
+    own = environment(hub, token)
+    with connected(hub, token) as patch, chdir(hub.folder), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", "Use 'content=<...>'", DeprecationWarning)
+        for name in ("TMPDIR", "GIT_DIR", "XDG_CACHE_HOME"):
+            patch.setenv(name, own[name])
+        patch.setenv("LABYRINTH_HUB_SECONDS", seconds)
+        patch.setattr(tempfile, "tempdir", own["TMPDIR"])
+        patch.setattr("pipeline.release.publish.loaded", lambda *_: "")
+        return answered(*options)
 
 
 def run_python(
@@ -90,11 +149,14 @@ def publish(
     token: str | None = "write",
     repo: str = REPO,
     verify: bool = False,
+    seconds: str = "5",
     **more: str,
 ) -> subprocess.CompletedProcess[str]:
     """Return what became of a release; `more` are variables of its environment."""
-    arguments = command(data_dir, version, *options, repo=repo, verify=verify)
-    return run_python(hub, *arguments, token=token, **more)
+    options = asked(data_dir, version, *options, repo=repo)
+    if verify or more:
+        return run_python(hub, *command(*options, verify=verify), token=token, **more)
+    return publish_here(hub, token, *options, seconds=seconds)
 
 
 def run_script(
@@ -138,7 +200,7 @@ def publishing(
 ) -> Iterator[subprocess.Popen[str]]:
     """Publish until a call is held; the process is killed in the end, with all that it started."""
     with subprocess.Popen(
-        [python(), *command(data_dir, version, *options, verify=verify)],
+        [python(), *command(*asked(data_dir, version, *options), verify=verify)],
         env=environment(hub, **more),
         cwd=hub.folder,
         stdout=subprocess.PIPE,

@@ -43,11 +43,14 @@ LIBRARIES = (
     *("asyncio", "dill", "fsspec", "httpx2", "multiprocess.pool", "xxhash", "tqdm.auto"),
     *("filelock", "joblib", "unittest.mock", "rich._emoji_codes", "rich.table", "gymnasium"),
     *("torch", "safetensors.torch", "httpcore2", "truststore", "xml.etree.ElementTree"),
+    # The first step of an optimizer imports this, and the record of a run is drawn with that.
+    *("torch._dynamo", "matplotlib.figure", "matplotlib.backends.backend_agg"),
+    *("h5py", "packaging.requirements"),
 )
 """What takes long to be imported, and reads nothing then that a test sets in the environment."""
 
-OURS = ("pipeline.command.launch", "pipeline.generation.build", "pipeline.generation.check")
-"""Modules of this project that most commands import; none of them may import the Hub's client."""
+OURS = ("build", "validate", "analyse", "train", "evaluate")
+"""The stages whose modules most commands import; none of them may import the Hub's client."""
 
 LAUNCHER = """#!{python} -ISs
 import json, os, socket, sys
@@ -99,8 +102,11 @@ def serve(address: str, launcher: str) -> None:
         with suppress(ModuleNotFoundError):  # Earlier versions of the Hub's client have httpx.
             import_module(name)
     sys.path.insert(0, root)
+    import_module("pipeline.command.launch")
+    stages = import_module("pipeline.command.stages").STAGES
     for name in OURS:
-        import_module(name)
+        with suppress(ModuleNotFoundError):  # Without PyTorch.
+            import_module(stages[name].module)
     sys.path.remove(root)
     assert "huggingface_hub" not in sys.modules
     sys.executable = launcher

@@ -9,11 +9,10 @@ from typing import Any
 import numpy as np
 
 import labyrinth_core
+from labyrinth_core import load_episodes
 from labyrinth_core.data import SPLITS, Manifest
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.evaluation import KnownDataset, Results
-from labyrinth_core.evaluation.playing import Episodes
-from labyrinth_core.evaluation.scores import Scores
+from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.world import RULES
 from support.submitted import keep, of_run
 

@@ -12,9 +12,10 @@ import numpy as np
 
 from labyrinth_core import evaluate
 from labyrinth_core.evaluation import Description, KnownDataset, Results, TrainedRun
-from labyrinth_core.evaluation.playing import Episodes
 from labyrinth_core.evaluation.replanner import Replanner
-from labyrinth_core.evaluation.scores import ACCURACIES, Scores
+from labyrinth_core.evaluation.scores import Episodes, Scores
+
+ACCURACIES = ("accuracy_on_demonstrations", "accuracy_elsewhere")
 
 
 def forgetful(height: int, width: int, share: float = 0.2, seed: int = 0) -> Any:

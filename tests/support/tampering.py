@@ -174,15 +174,14 @@ def episode_rows(split: str, number: int, labyrinth: Labyrinth, actions: list[in
     """Return the rows of an episode, right in everything."""
     episode = labyrinth.replay(actions)
     painter = Painter(labyrinth)
+    numbers = {column.name: column.values(episode) for column in COLUMNS if column.values}
     return [
         {
             "obs": {
                 "bytes": painter.png(state),
                 "path": f"{split}-{number:06d}-000-{step:04d}.png",
             },
-            "actions": [*actions, -1][step],
-            "rewards": [*episode.rewards.tolist(), 0.0][step],
-            "episode_starts": step == 0,
+            **{name: values[step] for name, values in numbers.items()},
             "info": dump(labyrinth),
         }
         for step, state in enumerate(episode.states)

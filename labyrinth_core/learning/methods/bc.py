@@ -21,7 +21,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import LabyrinthArrays, PolicyError
 from labyrinth_core.learning.learner import BaseSettings, Learner, setting
 from labyrinth_core.learning.networks.acting import make_network
-from labyrinth_core.learning.networks.symmetry import transform_examples
+from labyrinth_core.learning.networks.network import transform_examples
 from labyrinth_core.learning.problem import Problem
 from labyrinth_core.learning.spec import NetworkSpec
 

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.learning.learner import BaseSettings, Learner, setting
 from labyrinth_core.learning.networks.network import ACTIONS, double
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import roll_out, softmax
+from labyrinth_core.learning.problem import Problem, roll_out, softmax
 
 
 @dataclass(frozen=True)

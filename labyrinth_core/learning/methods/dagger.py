@@ -19,8 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.learning.learner import BaseSettings, Learner, setting
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import draw
+from labyrinth_core.learning.problem import Problem, draw
 
 
 @dataclass(frozen=True)

@@ -34,11 +34,15 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.learning.learner import BaseSettings, Learner, setting
-from labyrinth_core.learning.networks.adversarial import ActorCritic, Discriminator
-from labyrinth_core.learning.networks.network import ACTIONS, Network, double
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import Rollout, roll_out, settle, softmax
+from labyrinth_core.learning.learner import BaseSettings, Learner, setting, settle
+from labyrinth_core.learning.networks.network import (
+    ACTIONS,
+    ActorCritic,
+    Discriminator,
+    Network,
+    double,
+)
+from labyrinth_core.learning.problem import Problem, Rollout, roll_out, softmax
 
 VALUE_WEIGHT = 0.5
 """The weight of the critic's loss."""

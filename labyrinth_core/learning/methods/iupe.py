@@ -30,8 +30,7 @@ from numpy.typing import NDArray
 
 from labyrinth_core.learning.learner import setting
 from labyrinth_core.learning.methods import bco
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import draw, roll_out, softmax
+from labyrinth_core.learning.problem import Problem, draw, roll_out, softmax
 
 
 @dataclass(frozen=True)

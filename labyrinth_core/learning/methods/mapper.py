@@ -43,9 +43,8 @@ from labyrinth_core.learning.networks.slots import (
     masks_of,
     places_of,
 )
-from labyrinth_core.learning.problem import Problem
+from labyrinth_core.learning.problem import Problem, Steps
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec
-from labyrinth_core.learning.steps import Steps
 from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec
 from labyrinth_core.world import Task
 

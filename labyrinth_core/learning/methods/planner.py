@@ -13,10 +13,10 @@ It learns from the demonstrations of the split train only, without steps of its 
 prior knowledge that the other methods lack, so that it has to learn little more than what walls and
 goal look like. Each part of this knowledge can be switched off:
 
-- `augment`: transformed actions solve a transformed labyrinth (`symmetry`). This also tells the
-  planner how actions and directions correspond.
+- `augment`: transformed actions solve a transformed labyrinth (`transform_examples`). This also
+  tells the planner how actions and directions correspond.
 - `relabel`: a part of a route is a route, also in reverse, and can be drawn with a new start and
-  goal in their usual colours (`relabelling`).
+  goal in their usual colours (`ExampleSampler`).
 - `average`: the policy's outputs are averaged over the eight symmetries of the picture.
 - `path_prior`: a layer that computes shortest paths. It contains the dynamics: which action leads
   to which neighbour, and that the costs of steps add up. If two labels are exchanged, as if up led

@@ -31,10 +31,9 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.learning.learner import BaseSettings, Learner, setting
+from labyrinth_core.learning.learner import BaseSettings, Learner, setting, settle
 from labyrinth_core.learning.networks.network import ACTIONS, double
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import roll_out, settle, softmax
+from labyrinth_core.learning.problem import Problem, roll_out, softmax
 
 
 @dataclass(frozen=True)

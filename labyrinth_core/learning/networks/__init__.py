@@ -1,1 +1,1 @@
-"""The networks, and the symmetries of their inputs."""
+"""The networks of policies, and the policies that they make."""

@@ -14,9 +14,8 @@ from torch import Tensor, nn
 from labyrinth_core.errors import printable_line
 from labyrinth_core.evaluation import PolicyError, TrainedRun
 from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
-from labyrinth_core.learning.networks.network import Network, usual_defaults
+from labyrinth_core.learning.networks.network import Averaged, Network, usual_defaults
 from labyrinth_core.learning.networks.planning import Planner
-from labyrinth_core.learning.networks.symmetry import Averaged
 from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PlannerSpec, PolicySpec
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 from labyrinth_core.world import Task

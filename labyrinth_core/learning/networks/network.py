@@ -1,4 +1,4 @@
-"""The networks of the benchmark (supplement, Tables 1 and 2).
+"""The networks of the benchmark (supplement, Tables 1 and 2), and the symmetries of their input.
 
 All take observations as stored, and scale them internally: pictures as uint8, shape
 (batch, size, size, channels); vectors as integers, shape (batch, length).
@@ -6,7 +6,7 @@ All take observations as stored, and scale them internally: pictures as uint8, s
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 
 import torch
@@ -23,6 +23,9 @@ MOMENTUM = 0.1
 """The momentum of the running statistics of batch normalisation."""
 WIDTH = 512
 """The width of every classifier's hidden layers (Table 1)."""
+
+SYMMETRIES = range(8)
+"""Of the square: 0 to 3 are quarter turns to the left; 4 to 7 are the same, then mirrored."""
 
 
 @contextmanager
@@ -184,3 +187,115 @@ class Network(nn.Module):
 def double(tensor: Tensor) -> Tensor:
     """Return a tensor in double precision, on the CPU if its device (Apple's GPUs) has none."""
     return (tensor.cpu() if tensor.device.type == "mps" else tensor).double()
+
+
+class Discriminator(nn.Module):
+    """GAIL's discriminator (Table 2): features and the one-hot action, 1028 inputs, to a logit.
+
+    It has an encoder of its own: the CNN without batch normalisation or, for vectors, which the
+    source does not have, `Mlp`.
+    """
+
+    def __init__(self, spec: NetworkSpec) -> None:
+        super().__init__()
+        self.encoder: nn.Module
+        if spec.encoder == "mlp":
+            self.encoder, features = Mlp(spec), Mlp.features
+        else:
+            layers = [layer for layer in Cnn() if not isinstance(layer, nn.BatchNorm2d)]
+            self.encoder, features = nn.Sequential(*layers), Cnn.features
+        self.classifier = nn.Sequential(
+            nn.Linear(features + ACTIONS, 256),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(256, 256),
+            nn.LeakyReLU(SLOPE),
+            nn.Linear(256, 1),
+        )
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Return the logit that each (observation, action) is demonstrated, shape (batch, 4)."""
+        features = self.encoder(as_input(observations)).repeat_interleave(ACTIONS, 0)
+        actions = torch.eye(ACTIONS).to(features).repeat(len(observations), 1)
+        logits: Tensor = self.classifier(torch.cat([features, actions], 1))
+        return logits.view(-1, ACTIONS)
+
+
+class ActorCritic(nn.Module):
+    """A policy network with one more output, the value of the state.
+
+    Args:
+        policy: The network; the critic shares all of its layers but the last.
+        unit: The unit of the values and of the critic's loss, which keeps that loss from
+            outweighing the policy's.
+    """
+
+    def __init__(self, policy: Network, unit: float) -> None:
+        super().__init__()
+        self.unit = unit
+        self.policy = policy
+        self.value = nn.Linear(WIDTH, 1)
+
+    def forward(self, observations: Tensor) -> Tensor:
+        """Return the scores of the four actions, then the value, shape (batch, 5)."""
+        hidden = self.policy.hidden(observations)
+        last = self.policy.classifier[-1]
+        return torch.cat([last(hidden), self.value(hidden) * self.unit], 1)
+
+
+def transform(pictures: Tensor, symmetry: int) -> Tensor:
+    """Return pictures, or maps of cells, transformed by a symmetry.
+
+    Args:
+        pictures: Shape (N, rows, columns, ...), rows from the top.
+        symmetry: One of `SYMMETRIES`.
+    """
+    turned = torch.rot90(pictures, symmetry % 4, (1, 2))
+    return turned.flip(2) if symmetry >= 4 else turned
+
+
+def transformed_actions(symmetry: int) -> list[int]:
+    """Return for each action the equivalent action in transformed pictures."""
+    # A quarter turn to the left maps up to left: one less in the order up, right, down, left.
+    quarters = [(action - symmetry) % 4 for action in range(4)]
+    return [-action % 4 for action in quarters] if symmetry >= 4 else quarters
+
+
+def transform_examples(pictures: Tensor, labels: Tensor) -> tuple[Tensor, Tensor]:
+    """Transform an eighth of the examples by each symmetry of the square; return all of them.
+
+    Args:
+        pictures: Shape (N, size, size, 3).
+        labels: The action of each picture, or of each cell; -1 for none.
+    """
+    seen, turned = [], []
+    for symmetry in SYMMETRIES:
+        # The last entry maps -1, which stands for no label, to itself.
+        actions = torch.tensor([*transformed_actions(symmetry), -1], device=labels.device)
+        some = actions[labels[symmetry :: len(SYMMETRIES)]]
+        seen.append(transform(pictures[symmetry :: len(SYMMETRIES)], symmetry))
+        turned.append(transform(some, symmetry) if some.dim() == 3 else some)
+    return torch.cat(seen), torch.cat(turned)
+
+
+class Averaged(nn.Module):
+    """A network whose outputs in evaluation mode are averaged over the symmetries of its input.
+
+    The averaged outputs are mean log-probabilities of the actions.
+    """
+
+    def __init__(self, network: nn.Module) -> None:
+        super().__init__()
+        self.network = network
+        self.symmetries: Sequence[int] = SYMMETRIES
+        """The symmetries to average over; fewer take less time."""
+
+    def forward(self, pictures: Tensor) -> Tensor:
+        """Return scores of the four actions, shape (N, 4)."""
+        if self.training:
+            scores: Tensor = self.network(pictures)
+            return scores
+        views = [
+            self.network(transform(pictures, each)).log_softmax(1)[:, transformed_actions(each)]
+            for each in self.symmetries
+        ]
+        return torch.stack(views).mean(0)

@@ -19,7 +19,7 @@ import yaml
 from labyrinth_core.data import DatasetConfig
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.inspection import front_matter
-from pipeline.machinery.markdown import plain
+from pipeline.machinery import plain
 
 
 @dataclass(frozen=True)

@@ -9,8 +9,9 @@ import numpy as np
 
 from environments.discretisation import Discretisation
 from environments.summaries import Summary
-from labyrinth_core.benchmarks.spread import manhattan_distances
-from pipeline.inspection.shift import Floats, cohens_d, holm, permutation_test
+from labyrinth_core.benchmarks.levels import manhattan_distances
+from pipeline.inspection import holm
+from pipeline.inspection.shift import Floats, cohens_d, permutation_test
 
 PAIRS = 1_000
 """The maximum number of pairs of episodes, one from each half, that are compared individually."""

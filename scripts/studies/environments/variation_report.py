@@ -19,8 +19,8 @@ from environments.discretisation import Discretisation
 from environments.environment import FACTS
 from environments.variation import Variation
 from labyrinth_core.storage import File
-from pipeline.machinery.markdown import table
-from pipeline.results.entry import as_csv
+from pipeline.machinery import table
+from pipeline.results.leaderboard import as_csv
 
 Visits = NDArray[np.int64]
 Values = dict[str, Any]

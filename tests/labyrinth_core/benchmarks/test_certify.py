@@ -13,12 +13,18 @@ import gymnasium
 import numpy as np
 import pytest
 from support import deceiving
-from support.deceiving import DECEIVERS, Corridor, FailsAtTimes, HashSeed, Late, Unreadable
+from support.deceiving import (
+    DECEIVERS,
+    Corridor,
+    DictOrder,
+    FailsAtTimes,
+    HashSeed,
+    Late,
+    Unreadable,
+)
 
 from labyrinth_core import certify
 from labyrinth_core.benchmarks import CertifyError, certification, repeats
-from labyrinth_core.benchmarks.making import Maker
-from labyrinth_core.benchmarks.repeats import AGAIN, HASHES
 
 quick = partial(certify, probes=2, steps=16, progress=False)
 
@@ -31,7 +37,9 @@ def one_interpreter(monkeypatch):
 
 @pytest.mark.slow
 @pytest.mark.parametrize("deceiver", DECEIVERS, ids=lambda each: each.__name__)
-def test_an_environment_that_deceives_gets_the_right_word_and_no_wrong_share(deceiver):
+def test_an_environment_that_deceives_gets_the_right_word_and_no_wrong_share(deceiver, request):
+    if deceiver not in (HashSeed, DictOrder):  # Only these ask what a new interpreter changes.
+        request.getfixturevalue("one_interpreter")
     found = quick(deceiver, range(6), range(100, 160))
     if DECEIVERS[deceiver]:
         assert found.first is found.probes is found.levels is None
@@ -67,7 +75,8 @@ def test_a_seed_at_which_the_environment_fails_is_named_and_the_rest_goes_on():
 def test_what_differs_is_named_by_seed_step_and_part():
     reasons = quick(deceiving.Clock, range(9), range(9, 20)).reasons
     assert (
-        f"{AGAIN}, seed 0 differs at step 0 of probe 2, observation['time']: " in reasons["first"]
+        f"{repeats.AGAIN}, seed 0 differs at step 0 of probe 2, observation['time']: "
+        in reasons["first"]
     )
     steps = quick(deceiving.StepsDiffer, range(9), range(9, 20))
     assert steps.first.count == 10 + (19 % 10 < 9) - 1
@@ -181,7 +190,7 @@ def test_levels_that_follow_a_hash_stand_only_where_its_seed_is_fixed(tmp_path):
         check=True,
         cwd=tmp_path,
     )
-    assert f"only with PYTHONHASHSEED=5: {HASHES}, seed 0 differs at step 0" in done.stdout
+    assert f"only with PYTHONHASHSEED=5: {repeats.HASHES}, seed 0 differs at step 0" in done.stdout
     assert "in train" in done.stdout
     assert HashSeed in DECEIVERS
 
@@ -226,13 +235,15 @@ def test_a_state_stands_where_nothing_that_is_seen_repeats():
     assert found.disjoint() == [5, 6, 7, 8, 9]
 
 
+@pytest.mark.usefixtures("one_interpreter")
 def test_the_module_before_an_id_is_imported_and_may_register_it(tmp_path, monkeypatch):
-    registers = "import gymnasium\ngymnasium.register('Made-v0', lambda: gymnasium.Env())\n"
+    made = "gymnasium.envs.classic_control:CartPoleEnv"
+    registers = f"import gymnasium\ngymnasium.register('Made-v0', '{made}')\n"
     (tmp_path / "made_here.py").write_text(registers, encoding="utf-8")
     monkeypatch.syspath_prepend(tmp_path)
-    found = Maker.of("made_here:Made-v0")
-    assert found.name == "made_here:Made-v0"
-    assert isinstance(found.make().unwrapped, gymnasium.Env)
+    found = quick("made_here:Made-v0", range(2), range(2, 4))
+    assert found.environment == "made_here:Made-v0"
+    assert found.first.of == 2
 
 
 @pytest.mark.usefixtures("one_interpreter")

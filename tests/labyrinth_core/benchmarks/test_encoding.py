@@ -12,8 +12,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from labyrinth_core.benchmarks import encode
-from labyrinth_core.benchmarks.encoding import leaves
-from labyrinth_core.benchmarks.tape import Tape
+from labyrinth_core.benchmarks.encoding import Tape, leaves
 
 OBJECTS = np.array([["a", [1]], ["b", {2: None}]], object)
 PAIRS = np.array([(1, 2.0)], [("a", "i4"), ("b", "f8")])

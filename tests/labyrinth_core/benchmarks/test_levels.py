@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from labyrinth_core.benchmarks.levels import Levels, Share, curve, shared, wilson
+from labyrinth_core.benchmarks import Certificate, Levels, Share, wilson
+from labyrinth_core.benchmarks.records import Split
 
 DIGESTS = st.lists(st.integers(0, 8), min_size=1, max_size=30)
 
@@ -71,9 +72,10 @@ def test_wilsons_interval_is_that_of_the_literature():
 
 @given(DIGESTS, DIGESTS)
 def test_the_share_and_its_curve_are_a_plain_count(train, test):
-    share = shared(array(train), array(test))
+    splits = (Split(tuple(range(len(some))), {"first": array(some)}) for some in (train, test))
+    certificate = Certificate("Env", {}, {}, *splits)
+    share, points = certificate.first, certificate.curves["first"]
     assert (share.count, share.of) == (sum(each in train for each in test), len(test))
-    points = curve(array(train), array(test))
     assert points == tuple((m, sum(each in train[:m] for each in test)) for m, _ in points)
     assert points[-1] == (len(train), share.count)
     assert [m for m, _ in points[:-1]] == [m for m in (1, 2, 5, 10, 20) if m < len(train)]

@@ -6,21 +6,25 @@ import os
 import pickle
 import shutil
 import threading
+from contextlib import contextmanager
 from dataclasses import fields, replace
 
 import numpy as np
 import pytest
 
+from labyrinth_core import load_transitions
 from labyrinth_core.data import SPLITS, Manifest
-from labyrinth_core.data import cache as caching
-from labyrinth_core.data.cache import COLUMNS, FRAMES, LIMIT_VARIABLE, SUM, cached
-from labyrinth_core.data.load import Transition, TransitionBatch, Transitions, load_transitions
+from labyrinth_core.data import transitions as caching
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.pictures import observations
 from labyrinth_core.storage import LocalFile
 
+FRAMES, SUM = "frames.npy", "sha256"
+"""The files of a cache besides the columns."""
+
+LIMIT_VARIABLE = "LABYRINTH_CACHE_GB"
 NOT_CACHED = "optimal", "columns"
-FIELDS = [field.name for field in fields(Transitions) if field.name not in NOT_CACHED]
+FIELDS = [field.name for field in fields(caching.Transitions) if field.name not in NOT_CACHED]
 NAME, OTHER = (f"5x5-train-2-{digit * 32}" for digit in "01")
 """Names of caches."""
 
@@ -56,9 +60,10 @@ def load_few(folder, made=None):
             if made is not None:
                 made.append(first)
             steps = np.arange(first, first + 1)
-            yield frames[first : first + 2], {name: steps.astype(COLUMNS[name]) for name in COLUMNS}
+            columns = {name: steps.astype(kind) for name, kind in caching.COLUMNS.items()}
+            yield frames[first : first + 2], columns
 
-    return Transitions(**cached(folder, (4, 2, 2, 3), content()))
+    return caching.Transitions.of(caching.cached(folder, (4, 2, 2, 3), content()))
 
 
 def test_the_lock_of_a_process_that_was_killed_just_after_the_cache_was_made_is_removed(cache):
@@ -290,7 +295,7 @@ def test_who_waits_takes_what_the_other_has_made(cache, monkeypatch):
 
 @pytest.mark.parametrize("again", [NAME, OTHER])
 def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
-    unfinished = cache / f".{NAME}"
+    unfinished = LocalFile(cache / NAME).temporary() / NAME
     unfinished.mkdir(parents=True)
     (unfinished / FRAMES).write_bytes(b"half of it")
     (cache / f".{NAME}.lock").touch()
@@ -298,8 +303,22 @@ def test_what_a_killed_process_leaves_does_no_harm_and_is_removed(cache, again):
     assert only_folder(cache).name == again
 
 
+def test_what_a_process_leaves_that_is_killed_while_another_waits_is_removed(cache, monkeypatch):
+    locked = LocalFile.locked
+
+    @contextmanager
+    def after_a_kill(lock, **options):
+        with locked(lock, **options):
+            LocalFile(cache / NAME).temporary().mkdir()
+            yield
+
+    monkeypatch.setattr(LocalFile, "locked", after_a_kill)
+    load_few(cache / NAME)
+    assert only_folder(cache).name == NAME
+
+
 def test_a_folder_that_another_process_writes_is_not_taken_for_a_leftover(cache):
-    unfinished = cache / f".{NAME}"
+    unfinished = LocalFile(cache / NAME).temporary() / NAME
     unfinished.mkdir(parents=True)
     (unfinished / FRAMES).touch()
     with LocalFile(cache / f".{NAME}.lock").locked():
@@ -315,6 +334,23 @@ def test_files_of_others_are_left_alone(data_dir, cache, monkeypatch):
     monkeypatch.setenv(LIMIT_VARIABLE, "1e-3")
     load_transitions(data_dir, "3x3", image_size=8, cache_dir=cache)
     assert all(path.exists() for path in others)
+
+
+def test_a_damaged_cache_that_a_killed_process_had_put_aside_is_removed(cache):
+    load_few(cache / NAME)
+    aside = LocalFile(cache / NAME).temporary(".replaced")
+    shutil.copytree(cache / NAME, aside)
+    (cache / f".{NAME}.lock").touch()
+    load_few(cache / NAME)
+    assert only_folder(cache).name == NAME
+
+
+def test_a_file_under_the_name_of_a_cache_is_left_and_done_without(cache):
+    cache.mkdir()
+    (cache / NAME).write_text("mine")
+    with pytest.raises(NotADirectoryError):
+        load_few(cache / NAME)
+    assert only_folder(cache).read_text() == "mine"
 
 
 def test_a_folder_under_the_name_of_a_cache_with_a_file_of_another_is_left_and_done_without(
@@ -397,7 +433,7 @@ def test_transitions_whose_file_is_gone_say_so(kept, cache, content):
 
 def test_what_a_worker_makes_a_tensor_of_is_its_own_to_write_to(kept):
     for step, index in zip(kept.__getitems__([3, 0, 3]), [3, 0, 3], strict=True):
-        assert type(step) is Transition
+        assert step._fields == ("observation", "action", "next_observation")
         assert type(step.action) is int
         for array, expected in zip(step[::2], kept[index][::2], strict=True):
             assert array.flags.writeable
@@ -410,7 +446,7 @@ def test_what_a_worker_makes_a_tensor_of_is_its_own_to_write_to(kept):
 )
 def test_a_batch_is_the_transitions_of_its_indices(kept, indices):
     batch = kept[indices]
-    assert type(batch) is TransitionBatch
+    assert batch._fields == ("observation", "action", "next_observation")
     each = [kept[index] for index in np.arange(len(kept))[indices].tolist()]
     for place, array in enumerate(batch):
         expected = np.array([step[place] for step in each], array.dtype)

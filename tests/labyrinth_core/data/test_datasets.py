@@ -5,7 +5,6 @@ from __future__ import annotations
 import pickle
 import shutil
 from collections.abc import Callable, Iterable
-from dataclasses import replace
 from itertools import islice
 from pathlib import Path
 from typing import Any
@@ -32,9 +31,7 @@ from labyrinth_core import (
     stream_transitions,
 )
 from labyrinth_core.data import Manifest
-from labyrinth_core.data.manifest import TableFile
 from labyrinth_core.notebooks import WIDTH, register
-from labyrinth_core.storage import File
 
 LONG = pc.field("moves") >= 5
 PARTS: list[dict[str, Any]] = [{}, {"labyrinths": 2}, {"where": LONG, "labyrinths": 3}]
@@ -61,9 +58,10 @@ def data(data_dir: Path) -> Dataset:
 def values(item: Any) -> Any:
     """Return what an episode, or transitions, consist of, to be compared."""
     fields = vars(item) if hasattr(item, "__dict__") else item._asdict()
+    columns = fields.get("columns", {})
     return {
         name: value.tobytes() if isinstance(value, np.ndarray) else value
-        for name, value in fields.items()
+        for name, value in {**fields, **columns, "columns": set(columns)}.items()
     }
 
 
@@ -246,8 +244,7 @@ def test_a_table_with_impossible_numbers_of_episodes_is_refused(
     pq.write_table(
         table.set_column(place, table.schema.field(place), column), folder / Manifest.TABLE
     )
-    described = TableFile(1, File(folder / Manifest.TABLE).sha256())
-    replace(Manifest.read(folder), labyrinths=described).write(folder)
+    Manifest.read(folder).with_table(folder / Manifest.TABLE).write(folder)
     with pytest.raises(DatasetError, match="does not match the shards of split=train"):
         Dataset(folder.parent, "3x4")["train"].sample_episodes(1)
 

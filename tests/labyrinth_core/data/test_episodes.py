@@ -8,16 +8,14 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from support.making import DemonstrationsConfig
 from support.tampering import put_shards
 
+from labyrinth_core import load_episodes, load_transitions, stream_episodes
 from labyrinth_core.data import Dataset, Manifest
-from labyrinth_core.data.episodes import replayed
-from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.stream import stream_episodes
 from labyrinth_core.language import describe, labyrinth_id, parse
 from labyrinth_core.pictures import ObservationSpec, Painter
 from labyrinth_core.world import Solver
-from pipeline.command.dataset import DemonstrationsConfig
 
 BUILDS = {
     "navigation": {"size": "3x5", "shifts": ["recoloured", "thin_walls"]},
@@ -106,22 +104,19 @@ def test_optimal_actions_are_those_of_each_state(run):
             run.data_dir, run.folder.name, split=split, observation="vector", optimal=True
         )
         expected = []
-        for block in replayed(rows_of(run, split)):
+        for block in Dataset.at(run.folder)[split].replayed():
             for which, state, acts in zip(block.which, block.states, block.acting, strict=True):
                 if acts:
                     expected.append(Solver(block.parsed()[which]).optimal_actions()[state])
         np.testing.assert_array_equal(transitions.optimal, expected)
 
 
-def rows_of(run, split):
-    return Dataset.at(run.folder)[split].part().rows(pictures=False)
-
-
 @pytest.mark.parametrize("cells", [1, 40])
 def test_few_episodes_at_once_are_the_same_as_many(run, monkeypatch, cells):
-    many = [one for block in replayed(rows_of(run, "random")) for one in block.parts(1)]
-    monkeypatch.setattr("labyrinth_core.data.episodes.PARSED_CELLS", cells)
-    few = [one for block in replayed(rows_of(run, "random")) for one in block.parts(9)]
+    split = Dataset.at(run.folder)["random"]
+    many = [one for block in split.replayed() for one in block.parts(1)]
+    monkeypatch.setattr("labyrinth_core.data.load.PARSED_CELLS", cells)
+    few = [one for block in split.replayed() for one in block.parts(9)]
     assert len(few) > 1
     for name in ("states", "over"):
         one, other = (np.concatenate([getattr(each, name) for each in of]) for of in (many, few))

@@ -25,7 +25,6 @@ from support.making import Run
 from labyrinth_core import DatasetError, load_transitions
 from labyrinth_core.data import COLUMNS, TABLE_COLUMNS, Manifest
 from labyrinth_core.data.dataset import Part
-from labyrinth_core.data.manifest import TableFile
 from labyrinth_core.storage import File
 
 MOST = 700 << 20
@@ -152,8 +151,7 @@ def put_table(folder: Path, count: int, padding: int = 0, **columns: Any) -> Non
     manifest = Manifest.read(folder)
     train = [shard for shard in manifest.shards if shard.split == "train"]
     shards = tuple(replace(shard, labyrinths=count) for shard in train)
-    made = TableFile(path.stat().st_size, File(path).sha256())
-    replace(manifest, shards=shards, labyrinths=made).write(folder)
+    replace(manifest, shards=shards).with_table(path).write(folder)
 
 
 def rows(count: int, picture: bytes = b"", text: str = "") -> dict[str, Any]:

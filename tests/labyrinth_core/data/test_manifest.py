@@ -157,7 +157,7 @@ def with_shard(content: Any, **values: Any) -> Any:
             lambda content: with_shard(content, split="eval", path="eval-00000-of-00001.parquet"),
             "split 'eval' cannot",
         ),
-        (lambda content: content | {"format": 1}, "has format 1, and this version reads 2 and 3: "),
+        (lambda content: content | {"format": 1}, r"has format 1, and this version reads \d"),
         (lambda content: {k: v for k, v in content.items() if k != "labyrinths"}, "labyrinths"),
         *(
             (lambda content, more=more: with_shard(content, **more), "cannot be read: .*a shard")
@@ -215,11 +215,13 @@ def test_a_damaged_manifest_is_told_in_one_short_line_with_advice(
     assert message.isprintable()
 
 
-@pytest.mark.parametrize("form", [1, 4, "2", None, [], {}])
+@pytest.mark.parametrize("form", [1, 10**6, "2", None, [], {}])
 def test_a_manifest_of_another_format_is_not_called_damaged(
     content: Any, folder: Path, form: Any
 ) -> None:
-    with pytest.raises(DatasetError, match=r"has format .*, and this version reads 2 and 3: use"):
+    with pytest.raises(
+        DatasetError, match=r"has format .*, and this version reads \d+ and \d+: use"
+    ):
         read_back(folder, content | {"format": form})
 
 

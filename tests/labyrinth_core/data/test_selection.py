@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 import shutil
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -14,13 +13,16 @@ import pyarrow.parquet as pq
 import pytest
 from support.tampering import put_shards
 
-from labyrinth_core import hub, load_arrays
+from labyrinth_core import (
+    hub,
+    load_arrays,
+    load_episodes,
+    load_transitions,
+    stream_episodes,
+    stream_transitions,
+)
 from labyrinth_core.data import TABLE_COLUMNS, Manifest
-from labyrinth_core.data.load import load_episodes, load_transitions
-from labyrinth_core.data.manifest import TableFile
-from labyrinth_core.data.stream import stream_episodes, stream_transitions
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.storage import File
 
 FIELDS = ("frames", "rows", "actions", "rewards", "terminated", "labyrinth_ids")
 
@@ -168,8 +170,7 @@ def test_labyrinths_are_those_of_the_table_that_a_filter_leaves(
 def test_a_table_of_other_rows_than_the_shards_is_refused(data_dir, tmp_path, edit):
     folder = Path(shutil.copytree(data_dir, tmp_path / "copy")) / "3x4"
     pq.write_table(edit(pq.read_table(folder / Manifest.TABLE)), folder / Manifest.TABLE)
-    manifest = Manifest.read(folder)
-    replace(manifest, labyrinths=TableFile(1, File(folder / Manifest.TABLE).sha256())).write(folder)
+    Manifest.read(folder).with_table(folder / Manifest.TABLE).write(folder)
     with pytest.raises(DatasetError, match=rf"\A[^\n]*{Manifest.TABLE}[^\n]*\Z"):
         list(load_episodes(folder.parent, "3x4", labyrinths=2))
 

@@ -13,7 +13,7 @@ from support.s3_server import bucket, memory, server
 
 from labyrinth_core.remote import RemotePath
 from labyrinth_core.storage import File, LocalFile, folder_at
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 
 __all__ = ["bucket", "memory", "server"]
 

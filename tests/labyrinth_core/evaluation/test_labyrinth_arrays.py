@@ -9,11 +9,10 @@ import numpy as np
 import pytest
 from support.labyrinths_of_datasets import CONFIGS, labyrinths_of
 
+from labyrinth_core import load_arrays, load_episodes
 from labyrinth_core.data import SPLITS
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import LabyrinthArrays, labyrinth_arrays
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
 from labyrinth_core.pictures import PICTURE_SIZE, Looks, ObservationSpec, observations
 from labyrinth_core.world import Look, Solver
 

@@ -9,8 +9,8 @@ import pytest
 from support.policies import lay_out_run
 
 from labyrinth_core import DatasetError, load_policy, open_policy
-from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
-from labyrinth_core.policies.opening import PolicyNameError
+from labyrinth_core.learning import NetworkSpec, PolicySpec
+from labyrinth_core.policies import PolicyNameError
 from labyrinth_core.storage import File
 
 MLP = PolicySpec(NetworkSpec("mlp", 3, 3, "navigation"), average=False)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import pytest
 
 from labyrinth_core import parse, score_answer
-from labyrinth_core.questions.written_routes import read_moves
 
 SETTINGS = "key_and_lock: {}\nicy_floor: {}\nocclusion: False\nlabyrinth:\n"
 OPEN = (
@@ -61,7 +60,7 @@ ICY = OPEN.replace("icy_floor: False", "icy_floor: True").replace("|   |     E |
     ],
 )
 def test_the_moves_of_an_answer_are_read(answer, moves):
-    assert "".join(move.name[0] for move in read_moves(answer)) == moves
+    assert "".join(move.name[0] for move in score_answer(OPEN, answer).moves) == moves
 
 
 @pytest.mark.parametrize(
@@ -94,7 +93,8 @@ def test_an_answer_is_replayed(text, answer, steps, illegal, reason):
 
 @pytest.mark.parametrize("part", ["up ", "answer:", "answer *", "up x ", "\u2192"])
 def test_a_long_answer_is_read_to_its_end(part):
-    assert len(read_moves(part * (300_000 // len(part)) + " Answer: up right right up")) == 4
+    answer = part * (300_000 // len(part)) + " Answer: up right right up"
+    assert len(score_answer(OPEN, answer).moves) == 4
 
 
 def test_a_text_that_is_no_labyrinth_is_refused():

@@ -18,7 +18,7 @@ from support.tampering import content_of
 
 from labyrinth_core.data import Manifest
 from pipeline.command.stages import STAGES
-from pipeline.config.stage import Job
+from pipeline.config import Job
 
 pytestmark = pytest.mark.slow
 

@@ -10,16 +10,18 @@ Of the configuration that `--cfg job` prints, the file has the lines that differ
 from __future__ import annotations
 
 import difflib
-import os
 import re
 import shlex
+from contextlib import chdir
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
 import pytest
-from support.commands import RUN, ended
-from support.quick_python import python
+from support.commands import RUN, answered, run
+
+from labyrinth_core.data import SPLITS
+from labyrinth_core.world import Task
 
 pytestmark = pytest.mark.slow
 
@@ -34,21 +36,29 @@ FILES = {
 }
 """What the folder of each command line holds."""
 
+LOGGING = {"-m", "--multi", "--info"}
 
-def answered(line: str) -> tuple[int, str, str]:
+
+def answer(line: str) -> tuple[int, str, str]:
     """Return the exit status of a command line, and what it printed, without the folder's name."""
-    with TemporaryDirectory() as folder:
+    with TemporaryDirectory() as folder, chdir(folder), pytest.MonkeyPatch.context() as patch:
         for name, content in FILES.items():
             path = Path(folder, name)
             path.parent.mkdir(parents=True, exist_ok=True)
             path.write_text(content, encoding="utf-8")
-        env = os.environ | {"TMPDIR": folder, "COLUMNS": "80"}
-        done = ended([python(), str(RUN), *shlex.split(line)], cwd=folder, env=env)
+        patch.setenv("COLUMNS", "80")
+        arguments = shlex.split(line)
+        # What a sweep and `--info` log, and what is said once, are of the whole process.
+        as_process = not LOGGING.isdisjoint(arguments)
+        done = run(Path(folder), *arguments) if as_process else answered(*arguments)
     changing = {
         re.escape(str(Path(folder).resolve())): "FOLDER",
         re.escape(str(RUN.parent)): "CLONE",
         r"\d{4}-\d\d-\d\d[/ ]\d\d[-:]\d\d[-:]\d\d(,\d+)?": "DATE",
         r"Hydra \(\S+\)": "Hydra",
+        # So that a new task or shift changes no line.
+        ", ".join(Task): "TASKS",
+        ", ".join(SPLITS.shifts): "SHIFTS",
         r"usage: (.|\n)*\n(?=run.py: )": "",  # It differs between versions of Python.
     }
     printed, errors = done.stdout, done.stderr
@@ -60,12 +70,12 @@ def answered(line: str) -> tuple[int, str, str]:
 @cache
 def usual() -> list[str]:
     """Return the lines of the default configuration."""
-    return answered("--cfg job")[1].splitlines()
+    return answer("--cfg job")[1].splitlines()
 
 
 def block(line: str) -> str:
     """Return the text of the file about a command line."""
-    status, printed, errors = answered(line)
+    status, printed, errors = answer(line)
     lines = printed.splitlines()
     if "sampler: wilson" in lines:
         lines = [each for each in difflib.ndiff(usual(), lines) if each[0] in "+-"]

@@ -13,7 +13,7 @@ from support.commands import RUN, run
 from support.making import Run, RunConfig, resolve
 from support.quick_python import python
 
-from pipeline.command.hints import next_command
+from pipeline.command.launch import next_command
 from pipeline.command.stages import STAGES
 
 

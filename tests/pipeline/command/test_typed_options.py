@@ -6,6 +6,7 @@ A name that does not exist is answered with its likely name.
 from __future__ import annotations
 
 import shlex
+from pathlib import Path
 from typing import get_origin
 
 import pytest
@@ -13,14 +14,13 @@ from hydra.core.override_parser.overrides_parser import OverridesParser
 from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
-from support.composing import composed
-from support.making import RunConfig
+from support.commands import refused as refused_command
+from support.making import RunConfig, composed
 
-from pipeline.command.command_line import arranged, parsed, refusal
+from pipeline.command import command_line
 from pipeline.command.composed import DEFAULTS, KINDS
 from pipeline.command.stages import STAGES
-from pipeline.command.texts import quote_texts
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 
 TEXTS = [name for name, kind in KINDS.items() if kind in (str, str | None)]
 LISTS = [name for name, kind in KINDS.items() if get_origin(kind) is tuple]
@@ -35,7 +35,7 @@ ASKED = {
 def typed(argument: str) -> list[str]:
     """Return the values of a command line's argument as OmegaConf writes down a text."""
     parser = OverridesParser.create()
-    override = parser.parse_override(quote_texts(argument))
+    override = parser.parse_override(command_line.quote_texts(argument))
     if override.is_sweep_override():
         one_by_one = (f"x={value}" for value in override.sweep_string_iterator())
         return [str(parser.parse_override(each).value()) for each in one_by_one]
@@ -85,7 +85,7 @@ def test_texts_are_what_was_typed_in_groups_lists_and_sweeps() -> None:
     ],
 )
 def test_what_hydra_reads_as_it_is_typed_stays_as_it_is(argument: str) -> None:
-    assert quote_texts(argument) == argument
+    assert command_line.quote_texts(argument) == argument
 
 
 @pytest.mark.parametrize(
@@ -121,7 +121,7 @@ def refused(argument: str) -> str:
     """Return the line that a command line with this argument ends in."""
     with pytest.raises((HydraException, ConfigError)) as caught:
         composed(argument)
-    return refusal(caught.value)
+    return command_line.refusal(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -145,6 +145,34 @@ def test_an_option_that_does_not_exist_is_answered_with_its_likely_name_alone(
 
 
 @pytest.mark.parametrize(
+    ("line", "answer"),
+    [
+        ("buckets: {train: 34, validation: 33, test: 33}", "buckets.train is no longer an option"),
+        ("executor_address: null", "executor_address is no longer an option: give the address"),
+        ("leakage: {source: null}", "leakage is no longer an option: give stages=certify"),
+        ("stages: {a: 1}", "stages={'a': 1}: give a list of texts"),
+        ("splits: [3]", "splits=[3]: give its own options, as splits.NAME=..."),
+        ("evaluation: {splits: {a: 1}}", "evaluation.splits={'a': 1}: give a list of texts"),
+        ("method: bc", "method: a file chooses it in its defaults, as `- method: bc`"),
+    ],
+)
+def test_a_file_of_options_whose_values_do_not_fit_is_answered_with_the_option(
+    tmp_path: Path, line: str, answer: str
+) -> None:
+    (tmp_path / "mine.yaml").write_text(f"defaults: [base, _self_]\n{line}\n")
+    error = refused_command("--config-dir", str(tmp_path), "--config-name", "mine")
+    assert error.startswith(f"error: {answer}")
+
+
+@pytest.mark.parametrize(
+    "argument", ["buckets.train=50", "+executor_address=tcp://a:1", "leakage.source=x"]
+)
+def test_an_option_of_an_earlier_version_is_answered_with_what_to_type_now(argument: str) -> None:
+    name = argument.lstrip("+").partition("=")[0]
+    assert refused(argument).startswith(f"{name} is no longer an option: give ")
+
+
+@pytest.mark.parametrize(
     "argument", ["method=[]", "method=[bc,dagger]", "evaluation=x", "splits=[3]"]
 )
 def test_a_group_and_a_method_are_no_list(argument: str) -> None:
@@ -165,7 +193,7 @@ def test_a_group_and_a_method_are_no_list(argument: str) -> None:
 )
 def test_flags_may_stand_among_the_options(arguments: str) -> None:
     words = arguments.split()
-    found = arranged(words, parsed(words))
+    found = command_line.arranged(words, command_line.parsed(words))
     assert found[:2] == ["size=3", "labyrinths=4"]
     assert sorted(found) == sorted(words)
 

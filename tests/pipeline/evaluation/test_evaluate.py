@@ -7,15 +7,14 @@ import shutil
 
 import numpy as np
 import pytest
+from support.making import perform
+from support.remembering import known_routes
 
-from labyrinth_core import Dataset, PolicyError, evaluate, load_policy
+from labyrinth_core import Dataset, PolicyError, evaluate, load_arrays, load_episodes, load_policy
 from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import KnownDataset, Player, Results
-from labyrinth_core.evaluation.baselines import TrainMemory
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation import evaluate as stage
+from pipeline.config import ConfigError
 from pipeline.training import train
 
 pytestmark = pytest.mark.slow
@@ -51,7 +50,7 @@ def elsewhere(trained, run_of):
 
 
 def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys):
-    stage.run(trained)
+    perform("evaluate", trained)
     printed = capsys.readouterr().out
     assert all(split in printed for split in SPLITS.evaluated)
     folder = trained.training_folder
@@ -71,7 +70,7 @@ def test_the_stage_writes_what_the_policy_achieves_and_prints_it(trained, capsys
     for split in SPLITS.evaluated:
         arrays = load_arrays(trained.data_dir, "3x3", split)
         assert content["splits"][split]["sr"] == Player.of(policy).success_rate(arrays)
-    stage.run(trained)
+    perform("evaluate", trained)
     assert (folder / "results.json").read_text(encoding="utf-8") == text
 
 
@@ -79,17 +78,17 @@ def test_a_run_that_is_not_there_or_of_another_dataset_is_refused(
     trained, elsewhere, build, tmp_path
 ):
     with pytest.raises(DatasetError, match=r"seed7 holds no finished run: stages=train"):
-        stage.run(elsewhere(trained.data_dir, seed=7))
+        perform("evaluate", elsewhere(trained.data_dir, seed=7))
     other = build(tmp_path, labyrinths=2)
     with pytest.raises(DatasetError, match=r"on another dataset than .*; policy=.* evaluates it"):
-        stage.run(elsewhere(other.data_dir))
+        perform("evaluate", elsewhere(other.data_dir))
 
 
 def test_a_run_that_was_trained_with_another_setting_is_refused(trained, elsewhere):
     asked = elsewhere(trained.options.data_dir, method={"name": "bc", "epochs": 5})
     with pytest.raises(DatasetError, match=r"was trained with method.epochs=1, not 5: leave the"):
-        stage.run(asked)
-    stage.run(elsewhere(trained.options.data_dir, method={"name": "bc"}))
+        perform("evaluate", asked)
+    perform("evaluate", elsewhere(trained.options.data_dir, method={"name": "bc"}))
 
 
 @pytest.mark.parametrize(
@@ -109,18 +108,18 @@ def test_a_run_under_the_name_of_another_is_not_judged_as_that_run(
     run = run_of(trained.data_dir, tmp_path, **options)
     shutil.copytree(trained.training_folder, run.training_folder)
     with pytest.raises(DatasetError, match=f"was trained with {told}: move it elsewhere, or"):
-        stage.run(run)
+        perform("evaluate", run)
 
 
 def test_a_run_whose_dataset_has_moved_is_the_same_run(trained, run_of, tmp_path, capsys):
     shutil.copytree(trained.options.run_dir, tmp_path / "runs")
     run = run_of(shutil.copytree(trained.data_dir, tmp_path / "moved"), tmp_path / "runs")
-    stage.run(run)
+    perform("evaluate", run)
     train.run(run)
     assert "is complete already" in capsys.readouterr().out
     (run.training_folder / "model.safetensors").unlink()
     train.run(run)
-    stage.run(run)
+    perform("evaluate", run)
 
 
 def test_every_change_of_a_record_is_damage(trained, run_of, tmp_path):
@@ -136,26 +135,26 @@ def test_every_change_of_a_record_is_damage(trained, run_of, tmp_path):
     ):
         assert old in text
         path.write_text(text.replace(old, new, 1), encoding="utf-8")
-        for read in (lambda: stage.run(run), lambda: load_policy(run.training_folder)):
+        for read in (lambda: perform("evaluate", run), lambda: load_policy(run.training_folder)):
             with pytest.raises(DatasetError, match=r"run.json is damaged: .* SHA256SUMS") as caught:
                 read()
             assert str(caught.value).endswith("; stages=train overwrite=true makes it again")
     with pytest.raises(DatasetError, match=r"run.json, damaged or changed .*: give overwrite=true"):
         train.run(run)
     train.run(run_of(trained.data_dir, tmp_path / "runs", overwrite=True))
-    stage.run(run)
+    perform("evaluate", run)
 
 
 def test_damaged_results_of_a_run_are_written_anew_as_the_message_says(trained, run_of, tmp_path):
     shutil.copytree(trained.options.run_dir, tmp_path / "runs")
     run = run_of(trained.data_dir, tmp_path / "runs")
-    stage.run(run)
+    perform("evaluate", run)
     path = run.training_folder / "results.json"
     right = path.read_bytes()
     path.write_bytes(right.replace(b'"seed": 0', b'"seed": 1'))
     with pytest.raises(DatasetError, match=r"results.json: .* or give overwrite=true$"):
-        stage.run(run)
-    stage.run(run_of(trained.data_dir, tmp_path / "runs", overwrite=True))
+        perform("evaluate", run)
+    perform("evaluate", run_of(trained.data_dir, tmp_path / "runs", overwrite=True))
     assert path.read_bytes() == right
 
 
@@ -167,7 +166,7 @@ def test_a_home_folder_is_named_in_files_as_it_was_typed(trained, run_of, tmp_pa
     ):
         run = run_of(options.pop("data_dir"), tmp_path / "runs" / str(number), **options)
         train.run(run)
-        stage.run(run)
+        perform("evaluate", run)
         for path in run.training_folder.iterdir():
             assert bytes(tmp_path) not in path.read_bytes(), path
         results = Results.load(run.training_folder / "results.json")
@@ -183,12 +182,12 @@ def test_a_policy_that_differs_from_its_record_is_refused(trained, run_of, tmp_p
     path.write_bytes(weights)
     damaged = "model.safetensors is damaged: its sha256 is not the one in run.json"
     with pytest.raises(DatasetError, match=damaged):
-        stage.run(run)
+        perform("evaluate", run)
     with pytest.raises(DatasetError, match="the one in SHA256SUMS; download or train it again"):
         load_policy(run.training_folder)
     path.unlink()
     with pytest.raises(DatasetError, match="does not exist: stages=train makes it"):
-        stage.run(run)
+        perform("evaluate", run)
 
 
 def test_a_dataset_that_grows_during_an_evaluation_or_before_training_ends_it(
@@ -218,14 +217,14 @@ def test_a_dataset_that_grows_during_an_evaluation_or_before_training_ends_it(
 def test_another_dataset_is_evaluated_beside_the_one_that_was_trained_on(
     trained, elsewhere, build, tmp_path, datasets
 ):
-    stage.run(trained)
+    perform("evaluate", trained)
     folder = trained.training_folder
     before = (folder / "results.json").read_bytes()
     policy = load_policy(folder)
     build(tmp_path, labyrinths=2, seed=5)
     for data_dir, name in ((tmp_path, "3x3"), (datasets, "3x4-icy_floor")):
         # The dataset that it was trained on need not be there.
-        stage.run(elsewhere(tmp_path / "gone", evaluate_on=f"{data_dir}/{name}/"))
+        perform("evaluate", elsewhere(tmp_path / "gone", evaluate_on=f"{data_dir}/{name}/"))
         (path,) = folder.glob(f"results-{name}-*.json")
         content = json.loads(path.read_bytes())
         fingerprint = Manifest.read(data_dir / name).fingerprint
@@ -245,16 +244,16 @@ def test_the_folder_of_a_run_is_the_run_on_its_own_dataset_and_on_another_one(
     folder = trained.training_folder
     for path in folder.glob("results*.json"):
         path.unlink()
-    stage.run(trained)
+    perform("evaluate", trained)
     longer = build(tmp_path, labyrinths=3 * trained.dataset.labyrinths)
     where = f"{longer.data_dir}/{longer.dataset.name}"
-    stage.run(elsewhere(trained.data_dir, evaluate_on=where))
+    perform("evaluate", elsewhere(trained.data_dir, evaluate_on=where))
     files = {path: path.read_bytes() for path in folder.glob("results*.json")}
     assert len(files) == 2
     for data_dir in (trained.data_dir, longer.data_dir):
         for path in files:
             path.unlink(missing_ok=True)
-        stage.run(run_of(data_dir, tmp_path, stages=["evaluate"], policy=str(folder)))
+        perform("evaluate", run_of(data_dir, tmp_path, stages=["evaluate"], policy=str(folder)))
         (path,) = folder.glob("results*.json")
         assert path.read_bytes() == files[path]
 
@@ -266,14 +265,16 @@ def test_in_more_labyrinths_the_references_know_what_the_policy_learnt_from(
     fingerprint = Manifest.read(longer.folder).fingerprint
 
     def evaluated(data_dir):
-        stage.run(elsewhere(data_dir, evaluate_on=f"{longer.data_dir}/{longer.dataset.name}"))
+        perform(
+            "evaluate", elsewhere(data_dir, evaluate_on=f"{longer.data_dir}/{longer.dataset.name}")
+        )
         name = f"results-{longer.dataset.name}-{fingerprint:.8}.json"
         return json.loads((trained.training_folder / name).read_bytes())
 
     found = evaluated(trained.data_dir)
-    memory = TrainMemory.of(load_arrays(trained.data_dir, "3x3", "train"))
-    known, _ = memory.figures(load_arrays(longer.data_dir, "3x3", "test"))
-    assert found["splits"]["test"]["known_route"] == "".join(map(str, known.astype(int)))
+    train = load_episodes(trained.data_dir, "3x3", split="train", observation="vector")
+    known = known_routes(train, load_arrays(longer.data_dir, "3x3", "test").labyrinths)
+    assert found["splits"]["test"]["known_route"] == "".join(str(int(each)) for each in known)
     assert found["run"]["references_know"] == found["run"]["fingerprint"]
     gone = evaluated(tmp_path / "gone")
     assert gone["run"]["references_know"] is None
@@ -292,7 +293,7 @@ def test_a_policy_that_cannot_see_another_dataset_says_so_in_one_line(
     ):
         run = run_of(small_dataset.data_dir, tmp_path, **vectors, evaluate_on=f"{datasets}/{name}")
         with pytest.raises(error, match=rf"\A{message}\Z"):
-            stage.run(run)
+            perform("evaluate", run)
     with pytest.raises(ConfigError, match=r"\Aevaluate_on=9x9: give a dataset and its config"):
         run_of(small_dataset.data_dir, tmp_path, evaluate_on="9x9")
     with pytest.raises(ConfigError, match=r"\Aevaluate_on=d/3x3 is for trained policies"):
@@ -304,7 +305,7 @@ def test_after_training_on_some_labyrinths_they_alone_are_those_of_train(
 ):
     run = run_of(small_dataset.data_dir, tmp_path / "runs", train_labyrinths=3)
     train.run(run)
-    stage.run(run)
+    perform("evaluate", run)
     content = json.loads((run.training_folder / "results.json").read_text(encoding="utf-8"))
     assert content["run"]["train_labyrinths"] == 3
     counts = {split: content["splits"][split]["labyrinths"] for split in SPLITS.evaluated}

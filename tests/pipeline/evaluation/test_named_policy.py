@@ -6,26 +6,23 @@ import csv
 import json
 import shutil
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 from PIL import Image
 from support.commands import RUN, ended
-from support.making import make
+from support.making import RunConfig, SplitsConfig, make, perform
 from support.policies import RELEASED, lay_out_run
 from support.publishing import REPO, environment, local_hub, published
 from support.quick_python import python
 
-from labyrinth_core import PolicyError, evaluate
+from labyrinth_core import PolicyError, evaluate, open_policy
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results
-from labyrinth_core.learning.spec import NetworkSpec, PolicySpec
+from labyrinth_core.learning import NetworkSpec, PolicySpec
 from labyrinth_core.storage import File
-from pipeline.command.dataset import SplitsConfig
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation import evaluate as stage
-from pipeline.evaluation.named import opened
-from pipeline.evaluation.options import EvaluationOptions
+from pipeline.config import ConfigError
 
 __all__ = ["local_hub"]
 
@@ -62,6 +59,9 @@ def seven(observations):
 """
 
 
+EVALUATION = replace(RunConfig().evaluation, splits=("test",))
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     """A working directory with modules of policies."""
@@ -85,7 +85,7 @@ def run_of(small_dataset, make_run, folder):
             policy=policy,
             run_dir=str(folder / "runs"),
             observation=observation,
-            evaluation=EvaluationOptions(**{"splits": ("test",)} | options),
+            evaluation=replace(EVALUATION, **options),
         )
 
     return of
@@ -94,7 +94,7 @@ def run_of(small_dataset, make_run, folder):
 @pytest.mark.parametrize("name", ["right", "make", "Remembering", "instance"])
 def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, folder, name, capsys):
     run = run_of(f"strange:{name}")
-    stage.run(run)
+    perform("evaluate", run)
     path = folder / "runs" / "3x3" / f"strange-{name}" / "results.json"
     assert str(path) in capsys.readouterr().out
     content = json.loads(path.read_text(encoding="utf-8"))
@@ -106,15 +106,15 @@ def test_a_policy_or_what_makes_one_is_found_in_the_working_directory(run_of, fo
 
 
 def test_a_receipt_is_written_only_if_it_is_asked_for(run_of, folder, capsys):
-    stage.run(run_of("strange:right", memorised=10))
+    perform("evaluate", run_of("strange:right", memorised=10))
     path = folder / "runs" / "3x3" / "strange-right" / "results.json"
     content = json.loads(path.read_text(encoding="utf-8"))
     assert content["memorised"]["drawn"] == 10
     assert "Does the policy follow its own train? test, 10 controls" in capsys.readouterr().out
     assert Results.load(path).memorised.p == content["memorised"]["p"]
-    stage.run(run_of("strange:right"))
+    perform("evaluate", run_of("strange:right"))
     assert Results.load(path).memorised is None
-    stage.run(run_of("strange:right", memorised=10, splits=("train", "validation")))
+    perform("evaluate", run_of("strange:right", memorised=10, splits=("train", "validation")))
     assert Results.load(path).memorised.split == "validation"
 
 
@@ -122,7 +122,7 @@ def test_a_receipt_is_written_only_if_it_is_asked_for(run_of, folder, capsys):
 def test_the_folder_of_a_run_is_a_policy_whose_results_lie_beside_it(run_of, folder):
     made = Path(shutil.copytree(RELEASED, folder / "runs" / "3x3" / "planner"))
     before = {path.name: path.read_bytes() for path in made.iterdir()}
-    stage.run(run_of("runs/3x3/planner"))
+    perform("evaluate", run_of("runs/3x3/planner"))
     path = folder / "runs" / "3x3" / "planner-as-policy" / "results.json"
     assert Results.load(path).method.name == "planner as policy"
     assert {path.name: path.read_bytes() for path in made.iterdir()} == before
@@ -136,7 +136,7 @@ def test_a_downloaded_policy_is_evaluated_beside_the_runs_though_it_has_the_reco
     )
     files = [f"{File(path).sha256()}  {path.name}\n" for path in sorted(made.iterdir())]
     (made / "SHA256SUMS").write_text("".join(files), encoding="utf-8")
-    stage.run(run_of("download"))
+    perform("evaluate", run_of("download"))
     results = Results.load(folder / "runs" / "3x3" / "download" / "results.json")
     assert (results.method.name, results.run) == ("download", None)
     assert results.policy.files.keys() == {"config.json", "model.safetensors"}
@@ -144,7 +144,7 @@ def test_a_downloaded_policy_is_evaluated_beside_the_runs_though_it_has_the_reco
 
 @pytest.mark.slow
 def test_what_a_policy_fails_in_is_shown_beside_an_optimal_episode(run_of, folder, capsys):
-    stage.run(run_of("strange:right", gifs=3))
+    perform("evaluate", run_of("strange:right", gifs=3))
     results = folder / "runs" / "3x3" / "strange-right"
     content = json.loads((results / "results.json").read_text(encoding="utf-8"))["splits"]["test"]
     pictures = sorted((results / "attempts").glob("*.gif"))
@@ -166,19 +166,19 @@ def test_the_policy_of_a_run_is_shown_its_vectors_without_being_asked(run_of, fo
     spec = PolicySpec(NetworkSpec("mlp", 3, 3, "navigation"), average=False)
     lay_out_run(folder / "mlp", spec)
     run = run_of("./mlp", gifs=1)
-    stage.run(run)
+    perform("evaluate", run)
     results = folder / "runs" / "3x3" / "mlp"
     assert Results.load(results / "results.json").observation == "vector"
     assert len([*(results / "attempts").glob("*.gif")]) == 1
     with pytest.raises(PolicyError, match="needs observation=vector, but is shown text"):
-        stage.run(run_of("./mlp", observation="text"))
+        perform("evaluate", run_of("./mlp", observation="text"))
 
 
 def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsys):
     about = {"name": "My method!", "author": "me", "url": "https://a.org/b", "budget": "nothing"}
     about["date"] = "2026-11-30"
     numbers = {"train_labyrinths": 100, "train_steps": 0}
-    stage.run(run_of("strange:right", observation="text", episodes=2, **about, **numbers))
+    perform("evaluate", run_of("strange:right", observation="text", episodes=2, **about, **numbers))
     path = folder / "runs" / "3x3" / "My-method" / "results.json"
     content = json.loads(path.read_text(encoding="utf-8"))
     assert content["method"] == about | {"details": {"labyrinths": 100, "steps": 0}}
@@ -202,7 +202,7 @@ def test_what_is_said_of_a_policy_is_kept_with_its_results(run_of, folder, capsy
 )
 def test_a_policy_that_is_not_to_be_had_is_told_in_one_line(run_of, folder, policy, kind, message):
     with pytest.raises(kind, match=message) as caught:
-        stage.run(run_of(policy))
+        perform("evaluate", run_of(policy))
     assert "\n" not in str(caught.value)
     assert not (folder / "runs").exists()
 
@@ -235,10 +235,10 @@ def test_impossible_options_are_refused_in_one_line(run_of, options, message):
 def test_a_dataset_in_which_no_train_could_be_another_has_no_receipt(make_run, folder):
     data = folder / "apart"
     make(data, "4x4", labyrinths=5, splits=SplitsConfig(2), random_steps=1)
-    asked = EvaluationOptions(splits=("test",), memorised=10)
+    asked = replace(EVALUATION, memorised=10)
     given = {"size": "4", "labyrinths": 5, "splits": SplitsConfig(2), "stages": ["evaluate"]}
     with pytest.raises(ConfigError, match=r"evaluation.memorised=10: splits.min_walls=2: [^\n]+$"):
-        stage.run(make_run(data, policy="strange:right", evaluation=asked, **given))
+        perform("evaluate", make_run(data, policy="strange:right", evaluation=asked, **given))
 
 
 @pytest.mark.parametrize("theirs", ["my policy", None])
@@ -248,10 +248,10 @@ def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
         path.parent.mkdir(parents=True)
         path.write_text('{"mine": 1}')
     else:
-        stage.run(run_of("strange:right", name=theirs))
+        perform("evaluate", run_of("strange:right", name=theirs))
     (path.parent / "run.json").write_text("{}")
     with pytest.raises(DatasetError, match="my-policy holds a trained run: choose another"):
-        stage.run(run_of("strange:right", name="my-policy"))
+        perform("evaluate", run_of("strange:right", name="my-policy"))
     (path.parent / "run.json").unlink()
     before = path.read_bytes()
     reasons = {
@@ -259,21 +259,21 @@ def test_results_of_another_policy_are_not_written_over(run_of, folder, theirs):
         None: r"results\.json: made or changed by someone else, so .*: move it away, or give over",
     }
     with pytest.raises(DatasetError, match=reasons[theirs]):
-        stage.run(run_of("strange:right", name="my-policy"))
+        perform("evaluate", run_of("strange:right", name="my-policy"))
     assert path.read_bytes() == before
     if theirs is not None:
-        stage.run(run_of("strange:right", name=theirs))
+        perform("evaluate", run_of("strange:right", name=theirs))
 
 
 def test_results_are_those_of_one_policy_on_one_dataset(run_of, build, tmp_path):
-    stage.run(run_of("strange:right", name="mine"))
+    perform("evaluate", run_of("strange:right", name="mine"))
     other = build(tmp_path / "other", labyrinths=8, seed=1)
     for run, differing in (
         (run_of("strange:make", name="mine"), "policy=strange:right, not strange:make"),
         (run_of("strange:right", name="mine", data_dir=str(other.data_dir)), "fingerprint="),
     ):
         with pytest.raises(DatasetError, match=f"mine is made with {differing}.*choose another"):
-            stage.run(run)
+            perform("evaluate", run)
 
 
 def test_a_policy_that_is_named_is_not_trained(make_run, tmp_path):
@@ -283,7 +283,7 @@ def test_a_policy_that_is_named_is_not_trained(make_run, tmp_path):
 
 def test_without_a_dataset_it_is_said_how_one_is_made(run_of, tmp_path):
     with pytest.raises(DatasetError, match=r"holds no dataset: labyrinth-datasets size=3x3"):
-        stage.run(run_of("strange:right", tmp_path / "nothing"))
+        perform("evaluate", run_of("strange:right", tmp_path / "nothing"))
 
 
 def command(small_dataset, policy):
@@ -324,7 +324,7 @@ def test_a_dataset_on_the_hub_is_as_good_as_a_folder(local_hub, folder, tmp_path
     done = ended([python(), str(RUN), *by_id, "revision=1.0.0"], env=environment(local_hub))
     assert done.returncode == 0, done.stderr
     there = json.loads((folder / "runs/2x3/strange-right/results.json").read_text("utf-8"))
-    policy = opened("strange:right")
+    policy = open_policy("strange:right")
     here = evaluate(policy, data_dir, "2x3").to_json(Description("strange:right"))
     assert there["dataset"] == here["dataset"] | {"source": REPO, "revision": "1.0.0"}
     assert there["splits"] == here["splits"]

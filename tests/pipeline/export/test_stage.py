@@ -26,12 +26,10 @@ from labyrinth_core import hub
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.config.export import EXPORTS, ExportOptions
-from pipeline.config.stage import Job
+from pipeline.config import ConfigError, ExportOptions, Job
 from pipeline.export import stage
 
-FORMATS = tuple(EXPORTS)
+FORMATS = tuple(ExportOptions.FORMATS)
 RECORD = ExportOptions.RECORD
 
 

@@ -17,23 +17,21 @@ from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
 from PIL import Image
 from support.brute_force import simple_routes, world_of
-from support.interrupting import CrashError, before_each_shard
+from support.crashing import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 
+from labyrinth_core import load_episodes
 from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
 from labyrinth_core.data import manifest as listing
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.language import parse
 from labyrinth_core.pictures import StatePictures
 from labyrinth_core.storage import LocalFile
-from labyrinth_core.version import build_versions
 from labyrinth_core.world import State, Task
 from pipeline.generation import build as generation
 from pipeline.generation import shard as making
-from pipeline.generation import workplace
 from pipeline.generation.check import validate
-from pipeline.inspection.statistics import count_dataset
+from pipeline.inspection import statistics
 
 Build = Callable[..., Run]
 
@@ -103,8 +101,8 @@ def test_another_compression_changes_bytes_and_no_fingerprint(build: Build, tmp_
     small = {"labyrinths": 2, "random_steps": 20}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "StatePictures", OtherPictures)
-        versions = build_versions() | {"png": "Pillow, deflate level 1"}
-        patch.setattr(generation, "build_versions", lambda: versions)
+        versions = Manifest.current_versions() | {"png": "Pillow, deflate level 1"}
+        patch.setattr(Manifest, "current_versions", lambda: versions)
         folder = build(tmp_path / "other", **small).folder
     here, other = Manifest.read(build(tmp_path, **small).folder), Manifest.read(folder)
     assert other.fingerprint == here.fingerprint
@@ -129,16 +127,10 @@ def test_a_finished_folder_holds_shards_a_table_and_a_manifest_and_nothing_else(
 
 
 def test_the_schema_is_the_one_that_datasets_makes_of_the_features() -> None:
-    names = ["up", "right", "down", "left"]
-    features = Features(
-        {
-            "obs": ImageFeature(),
-            "actions": ClassLabel(names=names),
-            "rewards": Value("float32"),
-            "episode_starts": Value("bool"),
-            "info": Value("string"),
-        }
-    )
+    features = Features.from_dict({column.name: column.feature for column in COLUMNS})
+    assert features["obs"] == ImageFeature()
+    assert features["actions"] == ClassLabel(names=["up", "right", "down", "left"])
+    assert features["rewards"] == Value("float32")
     assert COLUMNS.arrow_schema().equals(features.arrow_schema, check_metadata=True)
     assert COLUMNS.arrow_schema().metadata == features.arrow_schema.metadata
 
@@ -177,7 +169,7 @@ def test_an_episode_of_many_pictures_is_divided_between_row_groups_and_read_like
     assert max(sizes) < 20
     assert rows_by_split(folder) == rows_by_split(small_dataset.folder)
     assert validate(Dataset.at(folder, divided)) == []
-    found = [count_dataset(Dataset.at(each)) for each in (folder, small_dataset.folder)]
+    found = [statistics.count_dataset(Dataset.at(each)) for each in (folder, small_dataset.folder)]
     assert str(found[0].splits) == str(found[1].splits)
     data_dirs = (tmp_path, small_dataset.data_dir)
     loaded = [load_episodes(each, "3x3", split="random") for each in data_dirs]
@@ -348,7 +340,7 @@ def test_what_another_version_left_is_discarded(
 ) -> None:
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(making, "StatePictures", OtherPictures)
-        patch.setattr(workplace, "build_versions", lambda: {"png": "another"})
+        patch.setattr(Manifest, "current_versions", lambda: {"png": "another"})
         stop_after(tmp_path, 3)
     assert content_of(build(tmp_path).data_dir) == content_of(small_dataset.data_dir)
 

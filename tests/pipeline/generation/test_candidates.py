@@ -12,16 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from joblib.externals.loky import get_reusable_executor
-from support.interrupting import CrashError, before_each_shard
+from support.crashing import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import content_of, cut_short
 
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest
-from labyrinth_core.data.manifest import FORMAT, FORMAT_OF_CHUNKS
 from labyrinth_core.world import Structure
-from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate
-from pipeline.generation.structures import sample
+from pipeline.generation.labyrinths import UNFIT, Records, pack, unpack
+from pipeline.generation.structures import Candidates, sample
 
 Build = Callable[..., Run]
 
@@ -106,12 +105,12 @@ def test_only_a_dataset_that_one_chunk_does_not_suffice_for_has_the_newer_format
     build: Build, tmp_path: Path, of_chunks: Run, small_dataset: Run
 ) -> None:
     manifest = Manifest.read(of_chunks.folder)
-    assert manifest.format == FORMAT_OF_CHUNKS
+    assert manifest.format == 3
     assert validate(Dataset.at(of_chunks.folder)) == []
-    assert Manifest.read(small_dataset.folder).format == FORMAT
+    assert Manifest.read(small_dataset.folder).format == 2
     begun = build(tmp_path / "a", **OF_CHUNKS | {"labyrinths": 8})
     whole = build(tmp_path / "b", **OF_CHUNKS | {"labyrinths": 8, "cells_per_chunk": (10**6, 1)})
-    assert Manifest.read(begun.folder).format == FORMAT
+    assert Manifest.read(begun.folder).format == 2
     assert content_of(begun.data_dir) == content_of(whole.data_dir)
 
 

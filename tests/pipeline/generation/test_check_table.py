@@ -16,8 +16,7 @@ import pytest
 from support.making import Run
 from support.tampering import TRAIN, manifest_of, problems, read_rows, rows_of
 
-from labyrinth_core.data import TABLE_COLUMNS, Manifest
-from labyrinth_core.data.table import table_file
+from labyrinth_core.data import TABLE_COLUMNS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File
 
@@ -71,7 +70,7 @@ def test_what_only_the_hash_shows_is_found(folder: Path) -> None:
     (problem,) = problems(folder)
     assert problem.startswith(f"{Manifest.TABLE}: sha256 ")
     with pytest.raises(DatasetError, match="damaged: its sha256 is not the manifest's"):
-        table_file(folder, Manifest.read(folder)).__enter__()
+        Dataset.at(folder).check_table()
 
 
 def test_a_table_of_other_columns_or_of_fewer_rows_is_found(folder: Path) -> None:

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.interrupting import before_each_shard
+from support.crashing import before_each_shard
 from support.making import Run, perform
 from support.tampering import (
     TRAIN,
@@ -24,7 +24,7 @@ from support.tampering import (
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from pipeline.machinery.artifact import leave
+from pipeline.machinery import leave
 
 Build = Callable[..., Run]
 

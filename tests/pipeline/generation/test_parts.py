@@ -13,7 +13,7 @@ from support.tampering import content_of
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import LocalFile
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 
 Build = Callable[..., Run]
 

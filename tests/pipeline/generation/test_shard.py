@@ -11,10 +11,9 @@ from hypothesis import given
 from hypothesis import strategies as st
 from support.making import Run
 
-from labyrinth_core.data import COLUMNS
+from labyrinth_core.data import COLUMNS, Manifest
 from labyrinth_core.storage import File
 from pipeline.generation import build as generation
-from pipeline.generation import shard as making
 from pipeline.generation.shard import Fingerprint, Row, ShardJob, finished
 
 Build = Callable[..., Run]
@@ -57,7 +56,7 @@ def test_a_shard_of_other_versions_or_bytes_is_not_taken(
     job: ShardJob, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     with monkeypatch.context() as patch:
-        patch.setattr(making, "build_versions", lambda: {"png": "another"})
+        patch.setattr(Manifest, "current_versions", lambda: {"png": "another"})
         assert finished(job) is None
     for path in (job.path, job.sidecar):
         whole = path.read_bytes()

@@ -10,38 +10,38 @@ from statistics import mean
 
 import numpy as np
 import pytest
-from support.brute_force import World, fewest_moves, is_connected, loops, walk
-from support.making import Run
-from support.read_from_text import Shown, shown
+from support.brute_force import Shown, World, fewest_moves, is_connected, loops, shown, walk
+from support.making import Run, run_of
 from support.tampering import problems, replace_first, rows_of, with_a_wall_opened
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.language import parse
-from labyrinth_core.world import Labyrinth, Look, Solver, Structure
-from pipeline.config.errors import ConfigError
+from labyrinth_core.world import Labyrinth, Look, Solver, Structure, Task
+from pipeline.config import ConfigError
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shifts import stretched
 from pipeline.generation.structures import sample
-from pipeline.inspection.statistics import count_dataset
+from pipeline.inspection import statistics
 from pipeline.machinery import console
 
 Build = Callable[..., Run]
 
 OPTIONS = {"size": "5", "labyrinths": 20, "random_steps": 20}
-WITHOUT_LONGER = tuple(name for name in SPLITS.shifts if name not in ("longer", "wilson", "trees"))
-"""The search for `longer` takes long on tasks with tiles, and ice cannot lie in trees."""
 
-CASES: dict[str, tuple[str, ...]] = {
-    "partial_observability": ("all",),
-    "key_and_door": (*WITHOUT_LONGER, "trees"),
-    "icy_floor": WITHOUT_LONGER,
-}
+
+def shifts_of(task: Task) -> tuple[str, ...]:
+    """Return the shifts of a task but `longer`, whose search takes long on tasks with tiles."""
+    every = run_of(Path("nowhere"), **OPTIONS, task=str(task), shifts=("all",)).dataset.shifts
+    return tuple(each for each in every if each != "longer" or not task.rules.tiles)
 
 
 @pytest.fixture(
     scope="session",
-    params=["navigation", *(pytest.param(t, marks=pytest.mark.slow) for t in CASES)],
+    params=[
+        pytest.param(str(task), marks=pytest.mark.slow if task is not Task.NAVIGATION else ())
+        for task in Task
+    ],
 )
 def shifted(
     request: pytest.FixtureRequest, build: Build, tmp_path_factory: pytest.TempPathFactory
@@ -49,7 +49,7 @@ def shifted(
     if request.param == "navigation":
         return request.getfixturevalue("plain")
     folder = tmp_path_factory.mktemp(f"shifted-{request.param}")
-    return build(folder, **OPTIONS, task=request.param, shifts=CASES[request.param])
+    return build(folder, **OPTIONS, task=request.param, shifts=shifts_of(Task(request.param)))
 
 
 @pytest.fixture(scope="session")
@@ -186,7 +186,10 @@ def test_a_shard_whose_parents_have_no_such_variant_is_empty(build: Build, tmp_p
     manifest = Manifest.read(run.folder)
     assert [shard.labyrinths for shard in manifest.of("one_wall")] == [2, 0]
     assert problems(run.folder) == []
-    assert count_dataset(Dataset.at(run.folder, manifest)).splits["one_wall"].labyrinths == 2
+    assert (
+        statistics.count_dataset(Dataset.at(run.folder, manifest)).splits["one_wall"].labyrinths
+        == 2
+    )
     loaded = load_transitions(run.data_dir, "3x3", split="one_wall", cache_dir=False)
     assert len(set(loaded.labyrinth_ids)) == 2
 
@@ -196,7 +199,7 @@ def test_equal_twins_of_two_labyrinths_of_train_are_one(build: Build, tmp_path: 
     """With this seed the last two of train have the same twin, whose rows would be taken as one."""
     run = build(tmp_path, labyrinths=32, seed=6, random_steps=5, shifts=("one_wall",))
     assert problems(run.folder) == []
-    counts = count_dataset(Dataset.at(run.folder)).splits["one_wall"]
+    counts = statistics.count_dataset(Dataset.at(run.folder)).splits["one_wall"]
     assert counts.labyrinths == counts.episodes == 9
 
 

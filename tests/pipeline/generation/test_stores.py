@@ -10,8 +10,8 @@ import pytest
 from support.making import Run
 from support.s3_server import S3Server, bucket, content_of, memory, server
 
+from labyrinth_core import load_transitions
 from labyrinth_core.data import Manifest
-from labyrinth_core.data.load import load_transitions
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File, folder_at
 from pipeline.generation import build as generation

@@ -11,8 +11,7 @@ from support.brute_force import all_structures
 
 from labyrinth_core.language import labyrinth_id
 from labyrinth_core.world import Labyrinth, Solver, Structure
-from pipeline.inspection import leakage
-from pipeline.inspection.leakage import find_leakage
+from pipeline.inspection import find_leakage, leakage
 
 
 def cornered(structures):
@@ -161,4 +160,4 @@ def test_routes_that_are_too_many_to_compare_are_counted(monkeypatch):
     monkeypatch.setattr(leakage, "ROUTES", 5)
     few, whole = cornered([EXAMPLES["all of 3x3"][0], Structure.without_walls(3, 3)])
     assert len(Solver(whole).shortest_routes()) == 6
-    assert leakage.find_leakage({"train": [few], "test": [whole]}).cut == 1
+    assert find_leakage({"train": [few], "test": [whole]}).cut == 1

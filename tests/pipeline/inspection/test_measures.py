@@ -13,9 +13,7 @@ from scipy.stats import wasserstein_distance
 from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.language import parse
 from labyrinth_core.world import Labyrinth, Solver, Structure
-from pipeline.inspection.analyse import read_contents
-from pipeline.inspection.counts import Content
-from pipeline.inspection.shift import MEASURES, compare
+from pipeline.inspection import shift, statistics
 
 PAIR = ("train", "s0_and_g")
 
@@ -29,7 +27,11 @@ def dataset(build, tmp_path_factory):
 
 @pytest.fixture(scope="module")
 def contents(dataset):
-    return read_contents(Dataset.at(dataset))[1]
+    parts = {split: [] for split in SPLITS.base}
+    statistics.count_dataset(
+        Dataset.at(dataset), keep=lambda split, content: parts[split].append(content)
+    )
+    return {split: statistics.Content.joined(of_split) for split, of_split in parts.items()}
 
 
 def rows_of(dataset, split):
@@ -68,8 +70,8 @@ def columns_of(rows):
 
 
 def test_the_distances_are_those_of_the_rows(dataset, contents):
-    shifts = {s.measure: s for s in compare(contents, [PAIR], seed=0)}
-    assert list(shifts) == list(MEASURES)
+    shifts = {s.measure: s for s in shift.compare(contents, [PAIR], seed=0)}
+    assert list(shifts) == list(shift.MEASURES)
     a, b = (rows_of(dataset, split) for split in PAIR)
     taken = [Counter(action for _, action, _ in rows) for rows in (a, b)]
     shares = [[counts[action] for action in range(4)] for counts in taken]
@@ -91,7 +93,7 @@ def numbers_of(labyrinth: Labyrinth):
 
 
 def test_lengths_branches_and_loops_are_those_of_the_labyrinths(contents):
-    shifts = {s.measure: s for s in compare(contents, [("train", "test")], 0)}
+    shifts = {s.measure: s for s in shift.compare(contents, [("train", "test")], 0)}
     a, b = (np.array(list(map(numbers_of, contents[s].labyrinths))) for s in ("train", "test"))
     for column, name in enumerate(["route length", "branching", "loops"]):
         x, y = a[:, column], b[:, column]
@@ -111,7 +113,7 @@ def content_of(structures):
             visits[number, state.agent] += 1
     actions = np.array([np.bincount(route, minlength=4) for route in routes])
     moves = np.array(list(map(len, routes)))
-    return Content(tuple(labyrinths), moves, actions, visits.reshape(-1, 5, 5))
+    return statistics.Content(tuple(labyrinths), moves, actions, visits.reshape(-1, 5, 5))
 
 
 def drawn(count, seed, open_walls):
@@ -122,9 +124,9 @@ def drawn(count, seed, open_walls):
 
 def test_walls_opened_in_one_split_only_are_a_shift_and_otherwise_there_is_none():
     contents = {"train": drawn(60, 0, 0.05), "same": drawn(60, 1, 0.05), "other": drawn(60, 2, 0.5)}
-    shifts = compare(contents, [("train", "same"), ("train", "other")], seed=3)
+    shifts = shift.compare(contents, [("train", "same"), ("train", "other")], seed=3)
     of = {(s.second, s.measure): s for s in shifts}
-    assert all(of["same", measure].corrected > 0.05 for measure in MEASURES)
+    assert all(of["same", measure].corrected > 0.05 for measure in shift.MEASURES)
     for measure in ("states", "branching", "loops", "route length"):
         assert of["other", measure].p_value == 0.001
         assert of["other", measure].corrected == pytest.approx(0.012)
@@ -136,11 +138,13 @@ def test_the_same_structures_are_exchanged_with_themselves_only():
     """So a small change that all of them share is seen, among labyrinths that differ more."""
     structures = [labyrinth.structure for labyrinth in drawn(16, 5, 0.1).labyrinths]
     whole = content_of(structures)
-    longer = Content(whole.labyrinths, whole.moves + 1, whole.actions, whole.visits)
-    shuffled = Content(whole.labyrinths[::-1], longer.moves[::-1], whole.actions, whole.visits)
+    longer = statistics.Content(whole.labyrinths, whole.moves + 1, whole.actions, whole.visits)
+    shuffled = statistics.Content(
+        whole.labyrinths[::-1], longer.moves[::-1], whole.actions, whole.visits
+    )
     contents = {"train": whole, "longer": longer, "shuffled": shuffled}
     paired, apart = (
-        {s.measure: s for s in compare(contents, [("train", other)], seed=0)}["route length"]
+        {s.measure: s for s in shift.compare(contents, [("train", other)], seed=0)}["route length"]
         for other in ("longer", "shuffled")
     )
     assert paired.distance == apart.distance == 1
@@ -150,7 +154,7 @@ def test_the_same_structures_are_exchanged_with_themselves_only():
 
 def test_the_same_seed_gives_the_same_p_values_and_json_has_no_infinity(contents):
     pairs = [("train", "test"), PAIR]
-    first = compare(contents, pairs, seed=1)
-    assert first == compare(contents, pairs, seed=1)
+    first = shift.compare(contents, pairs, seed=1)
+    assert first == shift.compare(contents, pairs, seed=1)
     infinite = first[0].__class__(**vars(first[0]) | {"effect": np.inf})
     assert infinite.to_json()["effect"] is None

@@ -10,8 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from labyrinth_core.world import Structure
-from pipeline.inspection import near_twins
-from pipeline.inspection.near_twins import FAR, JOINED_WALLS, Neighbourhood, nearest, passage_table
+from pipeline.inspection import Neighbourhood, near_twins
 
 
 def draw(height: int, width: int, count: int, seed: int = 0) -> list[Structure]:
@@ -34,7 +33,7 @@ SIZES = [(2, 2), (3, 3), (4, 4), (2, 7), (7, 2), (5, 6), (6, 9)]
 def test_the_nearest_is_the_one_that_comparing_all_finds(height, width):
     structures = draw(height, width, 120)
     of, among = structures[::2], structures[1::2]
-    found = nearest(passage_table(of), passage_table(among))
+    found = near_twins.nearest(near_twins.passage_table(of), near_twins.passage_table(among))
     apart = distances(of, among)
     assert found.walls.tolist() == apart.min(axis=1).tolist()
     assert found.which.tolist() == apart.argmin(axis=1).tolist()
@@ -42,7 +41,7 @@ def test_the_nearest_is_the_one_that_comparing_all_finds(height, width):
 
 def test_large_structures_have_a_nearest_one_too():
     structures = draw(60, 60, 4)
-    found = nearest(*map(passage_table, (structures[:2], structures[2:])))
+    found = near_twins.nearest(*map(near_twins.passage_table, (structures[:2], structures[2:])))
     assert found.walls.tolist() == distances(structures[:2], structures[2:]).min(axis=1).tolist()
 
 
@@ -62,23 +61,26 @@ def test_a_neighbourhood_knows_who_is_near(seed, walls, size):
 def test_near_twins_are_found_whatever_their_walls(held, monkeypatch):
     """Among few, with short keys, and among many, with long ones; and in many small steps."""
     rng = np.random.default_rng(3)
-    among = passage_table(draw(5, 5, held))
+    among = near_twins.passage_table(draw(5, 5, held))
     of = among[np.arange(400) % held].copy()
     for number, row in enumerate(of):
         row[rng.choice(40, size=number % 6, replace=False)] ^= True
     expected = [(row != among).sum(axis=1).min() for row in of]
-    assert nearest(of, among).walls.tolist() == expected
+    assert near_twins.nearest(of, among).walls.tolist() == expected
     monkeypatch.setattr(near_twins, "HELD_PAIRS", 50)
-    assert nearest(of, among).walls.tolist() == expected
+    assert near_twins.nearest(of, among).walls.tolist() == expected
 
 
 def test_where_all_pairs_are_too_many_what_is_near_is_found_all_the_same(monkeypatch):
     structures = draw(4, 4, 200)
-    of, among = passage_table(structures[::2]), passage_table(structures[1::2])
-    whole = nearest(of, among)
+    of, among = (
+        near_twins.passage_table(structures[::2]),
+        near_twins.passage_table(structures[1::2]),
+    )
+    whole = near_twins.nearest(of, among)
     monkeypatch.setattr(near_twins, "MOST_PAIRS", 0)
-    cut = nearest(of, among)
-    near = whole.walls <= JOINED_WALLS
+    cut = near_twins.nearest(of, among)
+    near = whole.walls <= near_twins.JOINED_WALLS
     assert 0 < near.sum() < len(near)
-    assert cut.walls.tolist() == np.where(near, whole.walls, FAR).tolist()
+    assert cut.walls.tolist() == np.where(near, whole.walls, near_twins.FAR).tolist()
     assert cut.which[near].tolist() == whole.which[near].tolist()

@@ -14,13 +14,13 @@ from labyrinth_core.data import COLUMNS, SPLITS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.language import dump, parse
 from labyrinth_core.world import Labyrinth, Solver
-from pipeline.inspection.statistics import count_dataset
+from pipeline.inspection import statistics
 
 pytestmark = pytest.mark.slow
 
 
 def measured(folder):
-    return count_dataset(Dataset.at(folder))
+    return statistics.count_dataset(Dataset.at(folder))
 
 
 def episodes(folder, split):
@@ -89,7 +89,7 @@ def test_shards_and_workers_change_nothing(both, tmp_path):
     folder = make(tmp_path, "3x3", labyrinths=7, random_steps=25, cells_per_shard=9 * 3)
     manifest = Manifest.read(folder)
     assert len(manifest.of("train")) == 3
-    cut, whole = count_dataset(Dataset.at(folder, manifest), 2), measured(both / DEFAULT)
+    cut, whole = statistics.count_dataset(Dataset.at(folder, manifest), 2), measured(both / DEFAULT)
     assert cut.certificate == whole.certificate
     for split, counts in cut.splits.items():
         one, other = vars(counts), vars(whole.splits[split])

@@ -16,17 +16,14 @@ from pathlib import Path
 from uuid import uuid4
 
 import pytest
-from support.crashing import CrashError, killed_before
-from support.renaming import ERRORS, no_folder_is_renamed
+from support.crashing import ERRORS, CrashError, killed_before, no_folder_is_renamed
 from support.tampering import content_of
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.listing import is_litter
 from labyrinth_core.remote import RemotePath
 from labyrinth_core.storage import AnyPath, File, LocalFile, folder_at
-from pipeline.machinery import artifact
-from pipeline.machinery.artifact import Ownership, leave, produced
-from pipeline.machinery.sums import HASHES, Sums
+from pipeline.machinery import Ownership, Sums, artifact, leave, produced
 
 FILES = {"a": b"1", "deep/b": b"2"}
 
@@ -42,7 +39,7 @@ def make(folder: Path, key: int = 1, files: dict[str, bytes] = FILES, **rules: o
 
 def made(folder: Path) -> dict[str, bytes]:
     """Return the content of a folder but its list."""
-    return {name: content for name, content in content_of(folder).items() if name != HASHES}
+    return {name: content for name, content in content_of(folder).items() if name != Sums.FILE}
 
 
 def test_an_artifact_is_made_once_and_its_list_is_one_for_sha256sum(tmp_path: Path) -> None:
@@ -51,16 +48,16 @@ def test_an_artifact_is_made_once_and_its_list_is_one_for_sha256sum(tmp_path: Pa
     before = content_of(tmp_path)
     assert not make(folder)
     assert content_of(tmp_path) == before
-    assert set(before) == {f"new/it/{name}" for name in (*FILES, HASHES)}
+    assert set(before) == {f"new/it/{name}" for name in (*FILES, Sums.FILE)}
     assert Sums.read(folder).key == {"key": 1}
     if program := shutil.which("sha256sum"):
-        subprocess.run([program, "--strict", "-c", HASHES], cwd=folder, check=True)
+        subprocess.run([program, "--strict", "-c", Sums.FILE], cwd=folder, check=True)
 
 
 @pytest.mark.parametrize("name", ["../x", "/x", "a/../x", r"..\x", r"C:\x", "C:x", r"\\host\x"])
 def test_no_name_in_a_list_is_of_a_file_elsewhere(tmp_path: Path, name: str) -> None:
     make(tmp_path / "it")
-    with (tmp_path / "it" / HASHES).open("a") as file:
+    with (tmp_path / "it" / Sums.FILE).open("a") as file:
         file.write(f"{'0' * 64}  {name}\n")
     with pytest.raises(DatasetError, match="is damaged"):
         Sums.read(tmp_path / "it")
@@ -128,7 +125,7 @@ def test_after_a_crash_at_any_change_the_same_call_ends_in_the_same_bytes(
                 make(folder, 0, old)
             again = partial(make, folder, overwrite=there)
             killed = killed_before(change, folder.parent, again)
-            if (folder / HASHES).exists():
+            if (folder / Sums.FILE).exists():
                 assert made(folder) in (FILES, old)
             again()
             assert made(folder) == FILES
@@ -286,7 +283,7 @@ def test_in_a_store_a_crash_at_any_change_is_mended_by_the_same_call(old_key: in
                     if each["mark"] == there["mark"]
                 )
                 make_in_store(folder, 1, files, overwrite=not old_key)
-        assert {p.name: p.read_bytes() for p in folder.iterdir() if p.name != HASHES} == files
+        assert {p.name: p.read_bytes() for p in folder.iterdir() if p.name != Sums.FILE} == files
         assert not make_in_store(folder, 1, files)
         if crash.left > 0:
             assert change > 6
@@ -369,7 +366,7 @@ def test_a_killed_writer_s_successor_lists_each_file_once_with_its_hash(tmp_path
 def test_a_damaged_list_is_called_damaged_and_its_advice_works(
     tmp_path: Path, act: Callable[..., object]
 ) -> None:
-    folder, path, away = tmp_path / "it", tmp_path / "it" / HASHES, tmp_path / "away"
+    folder, path, away = tmp_path / "it", tmp_path / "it" / Sums.FILE, tmp_path / "away"
     act(folder)
     whole, content = path.read_bytes(), content_of(folder)
     flipped = [whole[:n] + bytes([whole[n] ^ 1]) + whole[n + 1 :] for n in range(len(whole))]
@@ -401,7 +398,7 @@ def test_a_damaged_list_is_called_damaged_and_its_advice_works(
 
 def test_a_list_of_an_older_version_without_a_hash_of_itself_is_read(tmp_path: Path) -> None:
     make(tmp_path / "it")
-    path = tmp_path / "it" / HASHES
+    path = tmp_path / "it" / Sums.FILE
     lines = path.read_text().splitlines(keepends=True)
     path.write_text("".join([lines[0], *lines[2:]]))
     assert lines[1].startswith("# sha256 of the lines below ")
@@ -413,7 +410,7 @@ def test_nothing_is_written_or_removed_through_a_link(tmp_path: Path, overwrite:
     folder, elsewhere = tmp_path / "it", tmp_path / "elsewhere"
     leave(folder, {"page": b"1", "deep/chart": b"1"})
     elsewhere.mkdir()
-    for name in ("page", "deep", HASHES):
+    for name in ("page", "deep", Sums.FILE):
         (folder / name).rename(elsewhere / name)
         (folder / name).symlink_to(elsewhere / name)
     before = content_of(elsewhere)
@@ -441,8 +438,8 @@ def test_a_link_to_a_file_that_is_not_ours_is_refused_and_replaced_itself_if_ask
             leave(folder, {name: b"2"})
         leave(folder, {name: b"2"}, overwrite=True)
         assert (folder / name).read_bytes() == b"2"
-    (folder / HASHES).unlink()
-    (folder / HASHES).symlink_to("nowhere")
+    (folder / Sums.FILE).unlink()
+    (folder / Sums.FILE).symlink_to("nowhere")
     with pytest.raises(DatasetError, match="SHA256SUMS is a link that leads nowhere: remove it"):
         leave(folder, {"page": b"3"})
     assert mine.read_bytes() == b"mine"
@@ -453,7 +450,7 @@ def test_an_artifact_of_links_is_whole_and_replaced_without_their_targets(tmp_pa
     folder, store = tmp_path / "it", tmp_path / "store"
     make(folder)
     shutil.copytree(folder, store)
-    for name in (*FILES, HASHES):
+    for name in (*FILES, Sums.FILE):
         (folder / name).unlink()
         (folder / name).symlink_to(store / name)
     before = content_of(store)
@@ -471,7 +468,7 @@ def test_an_artifact_of_links_is_whole_and_replaced_without_their_targets(tmp_pa
     "text", [f"{'0' * 64}  thesis.txt\n", "page is mine\n", "\0\xff", "# mine\n"]
 )
 def test_a_list_of_somebody_else_is_refused_in_one_line(tmp_path: Path, text: str) -> None:
-    (tmp_path / HASHES).write_text(text, encoding="latin-1")
+    (tmp_path / Sums.FILE).write_text(text, encoding="latin-1")
     with pytest.raises(DatasetError, match=r"\A.*SHA256SUMS is another program's: move it.*\Z"):
         Sums.read(tmp_path)
 

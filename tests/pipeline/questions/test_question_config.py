@@ -11,8 +11,8 @@ from support.asking import NAME, SPLITS, TEST, asked, copied
 from support.making import perform
 from support.tampering import content_of
 
+from labyrinth_core import load_transitions
 from labyrinth_core.data import Manifest
-from labyrinth_core.data.load import load_transitions
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.language import parse
 from labyrinth_core.questions import QUESTION_COLUMNS

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 from hub.local_hub import LocalHub
-from support.making import Run, RunConfig, make, resolve
+from support.making import Run, RunConfig, make, perform, resolve
 from support.publishing import local_hub, published
 
 from pipeline.release.card import write_card
@@ -91,7 +91,6 @@ TOY = {"epochs": 1, "pictures": 64, "channels": 8, "iterations": 9, "average": F
 @pytest.fixture(scope="session")
 def trained(tmp_path_factory: pytest.TempPathFactory) -> Run:
     """The run of a small planner that was trained and evaluated; not to be changed."""
-    from pipeline.evaluation import evaluate
     from pipeline.training import train
 
     place = tmp_path_factory.mktemp("trained")
@@ -107,5 +106,5 @@ def trained(tmp_path_factory: pytest.TempPathFactory) -> Run:
     )
     run = resolve(options)
     train.run(run)
-    evaluate.run(run)
+    perform("evaluate", run)
     return run

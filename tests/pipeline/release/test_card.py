@@ -21,21 +21,27 @@ import yaml
 from huggingface_hub import DatasetCard, DatasetCardData
 from PIL import Image
 from support.commands import ended
-from support.composing import composed
-from support.making import RunConfig, make, make_both, perform, resolve
+from support.making import (
+    DemonstrationsConfig,
+    RunConfig,
+    SplitsConfig,
+    composed,
+    make,
+    make_both,
+    perform,
+    resolve,
+)
 from support.planting import DEFAULT, OTHER, labyrinths, plant
+from support.tampering import cut_short
 
-from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Manifest
-from labyrinth_core.data.splits import is_of_train
+from labyrinth_core import evaluate
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS, Dataset, Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation.evaluate import evaluate
 from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver
-from pipeline.command.dataset import DemonstrationsConfig, SplitsConfig
-from pipeline.inspection import front_matter
-from pipeline.inspection.statistics import DatasetStatistics, statistics_of
-from pipeline.machinery.sums import HASHES
+from pipeline.inspection import DatasetStatistics, front_matter, statistics, statistics_of
+from pipeline.machinery import Sums
 from pipeline.release import card, texts
 from pipeline.release.figures import FIGURES, picture_with_route, pictures_of
 from pipeline.release.repository import listed as files_of
@@ -112,12 +118,32 @@ def test_a_card_says_what_each_split_shifts_and_holds_as_the_splits_themselves_d
     assert list(compared) == list(SPLITS)
     for name, (shifted, held) in compared.items():
         kind = SPLITS[name]
-        new = {"structure": not is_of_train(name), "start": kind.new_start, "goal": kind.new_goal}
+        of_train = name == "train" or (kind.parent == "train" and not kind.new_structure)
+        new = {"structure": not of_train, "start": kind.new_start, "goal": kind.new_goal}
         for factor, is_new in new.items():
             assert (factor in re.split(r"\W+", shifted)) == is_new, name
             assert is_new or held == "everything" or factor in re.split(r"\W+", held), name
         assert ("colours" in shifted) == (kind.look is Look.RECOLOURED)
         assert ("walls" in shifted) == (kind.look is Look.THIN_WALLS)
+
+
+def test_a_card_after_an_analysis_counts_no_row_again_but_finds_a_damaged_shard(
+    tmp_path, monkeypatch
+):
+    data_dir = tmp_path / "labyrinth"
+    made = make(data_dir, "2x3", labyrinths=2, random_steps=5)
+    perform("analyse", (run := resolve(RunConfig(size="2x3", data_dir=str(data_dir)))))
+    with monkeypatch.context() as patch:
+        patch.setattr(statistics, "count_shard", None)
+        perform("card", run)
+    first = everything(data_dir)
+    statistics.count_dataset(Dataset.at(make(tmp_path / "other", "2x3", labyrinths=1)))
+    card.write_card(data_dir)
+    assert everything(data_dir) == first
+    statistics.count_dataset(Dataset.at(made))
+    cut_short(made / "train-00000-of-00001.parquet")
+    with pytest.raises(DatasetError, match=r"train-00000-of-00001\.parquet is damaged"):
+        card.write_card(data_dir)
 
 
 def test_a_card_says_what_route_memory_and_random_steps_solve_of_test(carded):
@@ -162,7 +188,7 @@ def test_a_card_says_how_near_the_splits_are_once_that_was_analysed(folder):
         assert line["same route"] == str(len(pair["same_route"]))
     near = sum(apart <= 1 for _, apart in pairs[1]["nearest"].values())
     assert f"in a single wall: `{DEFAULT}` {near} of 7 do." in text(folder)
-    assert f"{DEFAULT}/{Manifest.ANALYSIS}" in (folder / HASHES).read_text(encoding="utf-8")
+    assert f"{DEFAULT}/{Manifest.ANALYSIS}" in (folder / Sums.FILE).read_text(encoding="utf-8")
 
     path = folder / DEFAULT / Manifest.ANALYSIS
     whole = path.read_bytes()
@@ -410,7 +436,7 @@ def test_files_that_a_person_made_or_changed_are_left_alone_and_named(folder, wa
     *_, last = capsys.readouterr().out.splitlines()
     assert "because no card wrote them, or they were damaged or changed since; overwrite" in last
     assert sorted(last.rstrip(".").partition(": ")[2].split(", ")) == sorted(FOREIGN)
-    listed = (folder / HASHES).read_text(encoding="utf-8")
+    listed = (folder / Sums.FILE).read_text(encoding="utf-8")
     assert not any(name in listed for name in FOREIGN)
     assert not {*FOREIGN} & {*files_of(folder)}
     card.write_card(folder, overwrite=True)
@@ -422,11 +448,11 @@ def test_without_questions_there_is_no_eval_file_and_the_card_removes_its_own_al
     for content, is_ours in ((b"ours", True), (b"mine", False)):
         path.write_bytes(content)
         if is_ours:
-            with (folder / HASHES).open("a", encoding="utf-8") as file:
+            with (folder / Sums.FILE).open("a", encoding="utf-8") as file:
                 file.write(f"{hashlib.sha256(content).hexdigest()}  eval.yaml\n")
         card.write_card(folder)
         assert path.exists() == (not is_ours)
-        assert "eval.yaml" not in (folder / HASHES).read_text(encoding="utf-8")
+        assert "eval.yaml" not in (folder / Sums.FILE).read_text(encoding="utf-8")
 
 
 @pytest.mark.parametrize(

@@ -92,7 +92,7 @@ def test_a_fault_that_stays_is_told_in_one_line_and_the_rerun_completes(
         ("GET", f"{R}/revision/[0-9a-f]{{40}}", 503, True, "not tagged: the Hub answers 503: "),
     ):
         local_hub.faults.fail(method, path, status=status, times=UNLIMITED)
-        assert message in error_of(publish(local_hub, releasable, verify=True))
+        assert message in error_of(publish(local_hub, releasable, verify=landed))
         assert held(local_hub) == (built(releasable) if landed else {})
         assert local_hub.refs(REPO).keys() == {"refs/heads/main"}
         local_hub.faults.clear()
@@ -130,7 +130,7 @@ def test_a_call_that_is_never_answered_ends_with_one_line(
     local_hub: LocalHub, releasable: Path, method: str, path: str, times: int
 ) -> None:
     rule = local_hub.faults.hold(method, path, times=UNLIMITED)
-    done = publish(local_hub, releasable, LABYRINTH_HUB_SECONDS="1")
+    done = publish(local_hub, releasable, seconds="0.5")
     assert UNLIMITED - rule.times == times
     told = f"{local_hub.url} does not answer as it should: timed out (tried {times} times in "
     assert error_of(done).startswith(told)
@@ -144,7 +144,7 @@ def test_a_commit_whose_answer_is_lost_is_found_and_made_once(
         local_hub.faults.hold("POST", "/commit/", after=True)
     else:
         local_hub.faults.lose_response("POST", "/commit/")
-    done = publish(local_hub, releasable, LABYRINTH_HUB_SECONDS="1")
+    done = publish(local_hub, releasable, seconds="0.5")
     assert "tagged 1.0.0" in done.stdout
     assert held(local_hub, "1.0.0") == held(local_hub) == built(releasable)
     assert len(local_hub.history(REPO)) == 2

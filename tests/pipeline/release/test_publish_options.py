@@ -11,8 +11,7 @@ from support.publishing import REPO
 
 from pipeline.command.composed import unused
 from pipeline.command.stages import STAGES
-from pipeline.config.errors import ConfigError
-from pipeline.config.export import ExportOptions
+from pipeline.config import ConfigError, ExportOptions
 from pipeline.release.options import PublishOptions
 
 WHERE = {"repo_id": REPO, "version": "1.0.0"}

@@ -14,7 +14,7 @@ from typing import Any
 import pytest
 from hub.local_hub import LocalHub
 from huggingface_hub import ModelCard
-from support.making import Run
+from support.making import Run, perform
 from support.publishing import (
     REPO,
     changes,
@@ -31,8 +31,7 @@ from labyrinth_core import evaluate, load_policy, memorised
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Results
-from pipeline.evaluation import evaluate as evaluate_stage
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.release.model import stage_policy
 from pipeline.release.options import PublishOptions
 from pipeline.training import train
@@ -45,9 +44,8 @@ FOUR_WAYS = """
 import json, sys
 import torch
 from support.policies import Remembering
-from labyrinth_core import evaluate, load_policy
+from labyrinth_core import evaluate, load_policy, open_policy
 from labyrinth_core.evaluation import Description
-from pipeline.evaluation.named import opened
 
 torch.set_num_threads(1)
 blocks, data_dir, model = json.loads(sys.argv[1]), *sys.argv[2:]
@@ -58,8 +56,8 @@ asked = {
     "function": lambda observations: loaded(observations),
     "module": loaded.network,
     "steps": Remembering(loaded),
-    "id": opened(model),
-    "id and revision": opened(model + "@1.0.0"),
+    "id": open_policy(model),
+    "id and revision": open_policy(model + "@1.0.0"),
 }
 some = ["test", "s0_and_g"]
 figures = {name: evaluate(each, data_dir, "3x3", splits=some) for name, each in asked.items()}
@@ -268,7 +266,7 @@ def test_no_setting_is_markup_on_the_card_and_why_spl_leads_stands_beside_its_ta
     for name in ("results.json", "run.json"):
         for setting, text in (("a", "<b>|"), ("b", "`<img src=x>\n## Mine`")):
             change(copied.training_folder / name, "run", "settings", setting, value=text)
-    (copied.training_folder / HASHES).unlink()  # It has the hash of the unchanged record.
+    (copied.training_folder / Sums.FILE).unlink()  # It has the hash of the unchanged record.
     stage_policy(copied, staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
     [settings] = re.findall(r"^\| settings \| (.*) \|$", card, re.MULTILINE)
@@ -283,7 +281,7 @@ def test_a_mapper_is_published_and_loaded_as_it_was_trained(
     method = {"name": "mapper", "epochs": 2, "batch_size": 3, "channels": 8}
     run = replace(trained, options=replace(trained.options, method=method, run_dir=str(tmp_path)))
     train.run(run)
-    evaluate_stage.run(run)
+    perform("evaluate", run)
     content = json.loads((run.options.run_folder(run.dataset) / "results.json").read_bytes())
     stage_policy(of_hub(run), staged, COMMIT, manifest)
     card = (staged / "README.md").read_text(encoding="utf-8")
@@ -303,7 +301,7 @@ def test_a_policy_of_another_protocol_is_published_with_what_it_has_to_be_shown(
     changed = replace(trained.options, protocol="paper", method=method, run_dir=str(tmp_path))
     run = replace(trained, options=changed)
     train.run(run)
-    evaluate_stage.run(run)
+    perform("evaluate", run)
     content = json.loads((run.options.run_folder(run.dataset) / "results.json").read_bytes())
     stage_policy(of_hub(run), staged, COMMIT, manifest)
     assert json.loads((staged / "config.json").read_bytes())["resize"] == "original"

@@ -16,11 +16,9 @@ from support.tampering import content_of, folder_behind_link
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core.data import Dataset, Manifest
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.errors import DatasetError
-from pipeline.inspection.counts import count_routes, routes
-from pipeline.inspection.statistics import read_analysis
-from pipeline.machinery.sums import HASHES
+from pipeline.inspection import routes_of, statistics_of
+from pipeline.machinery import Sums
 from pipeline.report.findings import read_results
 from pipeline.report.packing import pack, pack_routes
 from pipeline.report.report import PAGE, page, write_report
@@ -44,8 +42,13 @@ def data_of(text: str):
 
 def routes_in(dataset):
     """Return the routes of the split train."""
-    episodes = load_episodes(dataset.data_dir, "3x3", observation="vector")
-    return list(routes((each.info, each.actions.tolist(), 0.0) for each in episodes))
+    (file,) = Dataset.at(dataset.folder).files("train")
+    return list(routes_of(file))
+
+
+def analysis_of(data_dir):
+    """Return the analysis of the only dataset of a folder, None if it has none."""
+    return statistics_of(data_dir, "report")[0].analysis
 
 
 def test_shards_add_up_to_what_they_are_together(small_dataset):
@@ -58,7 +61,7 @@ def test_shards_add_up_to_what_they_are_together(small_dataset):
 @pytest.mark.parametrize("limit", [0, 100, 300, 10**6])
 def test_no_more_is_packed_than_there_is_room_for_and_all_is_counted(small_dataset, limit):
     found = routes_in(small_dataset)
-    counts = count_routes(found, (3, 3)).counts
+    counts = statistics_of(small_dataset.data_dir, "report")[0].splits["train"]
     told = pack_routes(found, ROOMY).to_json(counts, limit)
     assert (told["labyrinths"], told["episodes"]) == (8, counts.episodes)
     for name in ("moves", "loops", "junctions"):
@@ -77,7 +80,7 @@ def test_the_same_dataset_gives_the_same_report(data_dir, tmp_path):
     shutil.rmtree(first)
     write_report(data_dir, tmp_path / "runs", workers=2)
     assert content_of(first) == before
-    assert set(before) == {PAGE, HASHES}
+    assert set(before) == {PAGE, Sums.FILE}
 
 
 def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():
@@ -92,15 +95,14 @@ def test_the_page_asks_for_nothing_and_takes_no_text_for_markup():
 
 def test_an_analysis_is_shown_as_long_as_it_is_of_this_dataset(data_dir):
     folder = data_dir / "3x3"
-    manifest = Manifest.read(folder)
-    assert read_analysis(Dataset.at(folder, manifest)) is None
+    assert analysis_of(data_dir) is None
     content = analyse(folder)
-    found = read_analysis(Dataset.at(folder, manifest))
+    found = analysis_of(data_dir)
     counts = {"equal": 1, "mirrored": 1, "symmetric": 2, "same_route": 0}
     assert found["pairs"][0]["counts"] == counts
     assert found["pairs"][0]["spread"] == "0, 4"
     (folder / Manifest.ANALYSIS).write_text(json.dumps(content | {"fingerprint": "another"}))
-    assert read_analysis(Dataset.at(folder, manifest)) is None
+    assert analysis_of(data_dir) is None
 
 
 def test_runs_are_shown_by_method_as_far_as_they_are_of_these_datasets(data_dir, tmp_path):
@@ -241,7 +243,7 @@ def test_an_analysis_that_is_none_is_named_in_one_line(data_dir, place, value):
         reduce(getitem, path, content)[last] = value
     (folder / Manifest.ANALYSIS).write_text(json.dumps(content) if place else value)
     with pytest.raises(DatasetError, match=r"^.*analysis\.json cannot be read: .*writes it again$"):
-        read_analysis(Dataset.at(folder))
+        analysis_of(data_dir)
 
 
 def test_a_page_that_someone_else_made_or_changed_is_refused(data_dir, tmp_path):
@@ -267,7 +269,7 @@ def test_a_new_report_replaces_ours_and_no_other_file(data_dir, tmp_path):
     before = (folder / PAGE).read_bytes()
     (folder / "photo.png").write_bytes(b"mine")
     (tmp_path / "thesis.txt").write_bytes(b"mine")
-    with (folder / HASHES).open("a") as listed:  # A list may name anything.
+    with (folder / Sums.FILE).open("a") as listed:  # A list may name anything.
         listed.write(f"{hashlib.sha256(b'mine').hexdigest()}  ../../thesis.txt\n")
     evaluate(data_dir / "3x3", tmp_path / "runs")
     with pytest.raises(DatasetError, match="SHA256SUMS is damaged: the stage that made its files"):

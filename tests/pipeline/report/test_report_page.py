@@ -16,10 +16,9 @@ from support.making import Run
 from support.reporting import METHOD, analyse, evaluate, evaluate_own, ids_of
 
 from labyrinth_core import evaluate as evaluate_policy
-from labyrinth_core import memorised
+from labyrinth_core import load_episodes, memorised
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.data import SPLITS
-from labyrinth_core.data.load import load_episodes
 from labyrinth_core.language import dump
 from labyrinth_core.pictures import DEFAULT_STYLE, PICTURE_SIZE, render
 from labyrinth_core.world import (
@@ -31,7 +30,7 @@ from labyrinth_core.world import (
     Task,
     sample_labyrinth,
 )
-from pipeline.inspection.front_matter import finished
+from pipeline.inspection import front_matter
 from pipeline.report.report import write_report
 
 pytestmark = [pytest.mark.slow, pytest.mark.programs("chromium")]
@@ -183,7 +182,7 @@ def test_the_page_holds_every_labyrinth_and_episode_of_the_datasets(open_report,
           ]),
         ])"""
     )
-    names = [manifest.config.name for manifest in finished(reported)]
+    names = [manifest.config.name for manifest in front_matter.finished(reported)]
     assert [(name, split) for name, split, _ in packed] == [
         (n, s) for n in names for s in SPLITS.base
     ]

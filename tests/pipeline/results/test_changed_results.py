@@ -11,12 +11,10 @@ import json
 from copy import deepcopy
 
 import pytest
-from support.submitted import content_of, forgetful, of_run, results_of
+from support.submitted import ACCURACIES, content_of, forgetful, of_run, results_of
 
-from labyrinth_core.evaluation.scores import ACCURACIES
+from labyrinth_core.errors import DatasetError
 from pipeline.results import results as stage
-from pipeline.results.checking import Checks
-from pipeline.results.kept import read_all
 
 TABLES = ("leaderboard.md", "leaderboard.csv", "README.md", "results.csv")
 
@@ -109,17 +107,19 @@ class Board:
         self.path.parent.mkdir(parents=True)
         options = {"run_dir": str(folder / "none"), "results_dir": str(folder)}
         self.run = make_run(source, stages=["results"], **options)
-        self.checks = Checks(self.run)
+        self.checks = stage.Checks(self.run)
         self.shown = self.show(self.content)
 
     def show(self, content):
         """Return the tables made from the file with some content; None if it is refused."""
         self.path.write_text(json.dumps(content), encoding="utf-8")
-        *_, refused = read_all(self.checks, self.folder, {})
-        if refused:
-            assert len(refused) == len(refused[0].splitlines()) == 1
+        try:
+            stage.run(self.run)
+        except DatasetError as error:
+            first, why = str(error).splitlines()
+            assert first == "1 file not on the leaderboard:"
+            assert " is refused: " in why
             return None
-        stage.run(self.run)
         return {
             name: (self.folder / name).read_text(encoding="utf-8")
             for name in TABLES

@@ -11,17 +11,16 @@ from pathlib import Path
 
 import pytest
 from support.commands import RUN, ended
+from support.making import perform
 from support.policies import Rounds
 from support.quick_python import python
 from support.submitted import content_of, forgetful, keep, of_run, results_of
 
 from labyrinth_core import memorised
+from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results
 from labyrinth_core.evaluation.scores import Scores, interval
-from pipeline.results import results as stage
-from pipeline.results.entry import Entry, boards, entries_of
-from pipeline.results.leaderboard import MARK, leaderboard
-from pipeline.results.results import RefusedError
+from pipeline.results.leaderboard import Entry, boards, leaderboard
 
 ROOT = Path(__file__).parents[3]
 PUBLISHED = ROOT / "docs" / "results"
@@ -70,20 +69,20 @@ def text(folder):
     return (folder / "leaderboard.md").read_text(encoding="utf-8")
 
 
-def test_receipts_have_a_column_where_a_policy_has_one(results, small_dataset):
-    plain = replace(results["planner"], method=Description("plain"))
+def test_receipts_have_a_column_where_a_policy_has_one(
+    results, small_dataset, run_of, submit, tmp_path
+):
     policy = forgetful(3, 3)
     receipt = memorised(policy, small_dataset.data_dir, "3x3", observation="vector", controls=10)
-    asked = replace(plain, method=Description("asked"), memorised=receipt)
-
-    def board(*shown):
-        return leaderboard(boards(entries_of(shown)))["leaderboard.md"]
-
+    submit(content_of(results["planner"], "plain"), "plain.json")
+    perform("results", run_of())
+    assert "follows its own train" not in text(tmp_path / "results")
+    submit(content_of(replace(results["planner"], memorised=receipt), "asked"), "asked.json")
+    perform("results", run_of())
     column = f" {receipt.excess:+.2f} (p {receipt.p:.3f}) |"
-    rows = [line for line in board(plain, asked).splitlines() if line.endswith(column)]
-    assert [row.split("|")[1].strip() for row in rows] == ["asked †"]
-    assert "follows its own train" in board(plain, asked)
-    assert "follows its own train" not in board(plain)
+    lines = [line for line in text(tmp_path / "results").splitlines() if line.endswith(column)]
+    assert [line.split("|")[1].strip() for line in lines] == ["asked"]
+    assert "follows its own train" in text(tmp_path / "results")
 
 
 def test_a_strangers_method_stands_there_under_its_own_name_without_an_author(
@@ -91,7 +90,7 @@ def test_a_strangers_method_stands_there_under_its_own_name_without_an_author(
 ):
     for method, encoder in (("mine", "cnn"), ("Linear", "Linear")):
         keep(of_run(results["planner"], method, encoder=encoder), tmp_path / "runs")
-    stage.run(run_of())
+    perform("results", run_of())
     named = {(row["method"], row["author"]) for row in rows(tmp_path / "results")}
     assert named == {("mine, cnn", ""), ("Linear", "")}  # Nobody says who made them.
     assert "Labyrinth datasets" not in text(tmp_path / "results")
@@ -102,7 +101,7 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
 ):
     for name, each in results.items():
         submit(content_of(each, name, details={"steps": 12}), f"{name}.json")
-    stage.run(run_of())
+    perform("results", run_of())
     found = {(row["method"], row["split"]): row for row in rows(tmp_path / "results")}
     assert len(found) == 2 * 5
     for name, each in results.items():
@@ -126,8 +125,8 @@ def test_the_figures_of_the_leaderboard_are_those_of_evaluate_to_the_digit(
 
 def refused_by(run):
     """Return the lines on the refused files: the name of each, and why."""
-    with pytest.raises(RefusedError) as error:
-        stage.run(run)
+    with pytest.raises(DatasetError) as error:
+        perform("results", run)
     _, *lines = str(error.value).splitlines()
     found = (re.fullmatch(r"  \S*/(\S+)\.json is refused: (.*)", line) for line in lines)
     return {each[1]: each[2] for each in found}
@@ -189,28 +188,28 @@ def test_where_the_dataset_is_not_available_results_are_marked_and_each_dataset_
     other["dataset"]["fingerprint"] = "1" * 64
     submit(other, "b.json")
     elsewhere = tmp_path / "nothing"
-    stage.run(run_of(elsewhere))
+    perform("results", run_of(elsewhere))
     line = f"3x3 is not available, so results on it have no rank: {elsewhere}/3x3"
     assert f"{line} holds no dataset" in capsys.readouterr().out
     assert text(tmp_path / "results").count("\n## 3x3\n") == 2
-    assert f"\n|  | planner {MARK} |" in text(tmp_path / "results")
+    assert "\n|  | planner † |" in text(tmp_path / "results")
     assert {row["compared"] for row in rows(tmp_path / "results")} == {"False"}
-    with pytest.raises(RefusedError, match=r"b\.json is refused: it is of another dataset than"):
-        stage.run(run_of())
+    with pytest.raises(DatasetError, match=r"b\.json is refused: it is of another dataset than"):
+        perform("results", run_of())
     assert "\n| 1 | planner |" in text(tmp_path / "results")
 
 
 def test_results_of_policies_that_the_program_evaluated_are_kept(results, run_of, tmp_path):
     folder = tmp_path / "runs" / "3x3" / "my-policy"
     results["planner"].save(folder / "results.json", name="my policy")
-    stage.run(run_of())
+    perform("results", run_of())
     kept = tmp_path / "results" / "submissions" / "3x3" / "my-policy.json"
     assert kept.read_bytes() == (folder / "results.json").read_bytes()
     assert {row["method"] for row in rows(tmp_path / "results")} == {"my policy"}
     before = text(tmp_path / "results")
     (folder / "results.json").write_text("{")
-    with pytest.raises(RefusedError, match=r"my-policy/results\.json is refused: "):
-        stage.run(run_of())
+    with pytest.raises(DatasetError, match=r"my-policy/results\.json is refused: "):
+        perform("results", run_of())
     assert text(tmp_path / "results") == before
 
 
@@ -219,11 +218,11 @@ def test_a_hidden_copy_of_results_is_not_ranked_in_place_of_the_file(
 ):
     submit(content_of(results["rounds"], "mine"), ".ipynb_checkpoints/mine-checkpoint.json")
     submit(content_of(results["planner"], "mine"), "mine.json")
-    stage.run(run_of())
+    perform("results", run_of())
     assert "\n| 1 | mine |" in text(tmp_path / "results")
     alone = rows(tmp_path / "results")
     shutil.rmtree(tmp_path / "results" / "submissions" / ".ipynb_checkpoints")
-    stage.run(run_of())
+    perform("results", run_of())
     assert rows(tmp_path / "results") == alone
 
 
@@ -347,7 +346,7 @@ def test_the_leaderboard_that_is_published_is_made_of_the_runs_that_are(run_of, 
         build(tmp_path / "labyrinth", size=size, labyrinths=labyrinths)
     folder = tmp_path / "results"
     shutil.copytree(PUBLISHED / "runs", folder / "runs")
-    stage.run(run_of(tmp_path / "labyrinth"))
+    perform("results", run_of(tmp_path / "labyrinth"))
     for name in ("leaderboard.md", "leaderboard.csv", "README.md", "results.csv"):
         made, published = (
             (each / name).read_text(encoding="utf-8") for each in (folder, PUBLISHED)

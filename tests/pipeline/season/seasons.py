@@ -2,18 +2,20 @@
 
 from __future__ import annotations
 
+import hashlib
 import io
+import json
 import tempfile
 from contextlib import redirect_stderr, redirect_stdout
+from dataclasses import replace
 
 import pytest
-from support.making import perform
+from support.making import RunConfig, perform
 from support.policies import RELEASED
 
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from pipeline.season.commitment import Layout
-from pipeline.season.options import SeasonOptions
+from pipeline.season.season import Layout
 
 
 class Performer:
@@ -32,8 +34,13 @@ class Performer:
         **options,
     ):
         """Perform a stage; return what it prints, or the error that it raises."""
-        of_season = SeasonOptions(
-            "2026-a", str(self.folder / folder), date, submission, learnt_from
+        of_season = replace(
+            RunConfig().season,
+            name="2026-a",
+            folder=str(self.folder / folder),
+            date=date,
+            submission=submission,
+            learnt_from=learnt_from,
         )
         options = {"size": "3", "labyrinths": 16, "random_steps": 5} | options
         run = self._make_run(self.folder / "data", stages=[stage], season=of_season, **options)
@@ -52,3 +59,11 @@ class Performer:
     @property
     def place(self):
         return Layout(self.folder / "seasons" / "2026-a")
+
+
+def seed_of(place, secret):
+    """Return the seed that follows from a secret and the season's config, as the page says."""
+    config = json.loads(place.season.read_text(encoding="utf-8"))["config"]
+    text = json.dumps(config, sort_keys=True, separators=(",", ":"))
+    hashed = hashlib.sha256(b"labyrinth season, seed, version 1\n" + secret + text.encode())
+    return int(hashed.hexdigest()[:16], 16)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import shutil
 import signal
 import subprocess
 import sys
@@ -9,21 +10,20 @@ from functools import partial
 
 import numpy as np
 import pytest
+from seasons import Performer
 from support.graphs import elsewhere, endless, linear, node, tensor
 
 from labyrinth_core import evaluate
-from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.policies import graph
 from labyrinth_core.policies.graph import GraphPolicy
 from labyrinth_core.policies.graph_process import ASKED
-from labyrinth_core.policies.load import GRAPH, MOST_BYTES
-from pipeline.season.commitment import Season
-from pipeline.season.judge import judged
-from pipeline.season.submission import fetched
+from pipeline.season.judge import fetched
 
 pytestmark = pytest.mark.slow
+
+GRAPH, MOST_BYTES = "model.onnx", 1 << 28
 
 WEIGHTS = np.random.default_rng(0).normal(size=(64 * 64 * 3, 4)).astype(np.float32)
 PICTURES = np.random.default_rng(1).integers(256, size=(9, 64, 64, 3)).astype(np.uint8)
@@ -145,33 +145,24 @@ def test_the_process_of_a_graph_has_a_limit_of_its_own_on_processor_time():
         assert ended.returncode == status
 
 
-def test_a_graph_that_draws_at_random_is_refused_in_words_that_fit_a_judge(tmp_path, small_dataset):
+def test_a_graph_that_draws_at_random_is_refused_in_words_that_fit_a_judge(
+    hidden, tmp_path, make_run
+):
     drawn = node("RandomUniformLike", ["product"], "scores")
     (tmp_path / GRAPH).write_bytes(more(nodes=[drawn]))
-    season = Season(
-        name="2026-a",
-        date="2026-11-30",
-        config={},
-        labyrinths={},
-        secret_sha256="0" * 64,
-        fingerprint="0" * 64,
-        shards={},
-        versions={},
-    )
-    with (
-        fetched(str(tmp_path)) as submission,
-        pytest.raises(PolicyError, match="answers the same observations differently: a season jud"),
-    ):
-        judged(season, submission, Dataset.at(small_dataset.folder))
+    perform = Performer(tmp_path, make_run)
+    shutil.copytree(hidden.place.public.parent, perform.place.public.parent)
+    said = perform("judge", submission=str(tmp_path / GRAPH))
+    assert "the policy answers the same observations differently: a season judges only" in said
 
 
 def test_a_large_graph_and_what_is_no_graph_are_refused_before_they_are_read(tmp_path):
     large = tmp_path / GRAPH
     large.touch()
     with large.open("r+b") as file:
-        file.truncate(MOST_BYTES[GRAPH] + 1)
+        file.truncate(MOST_BYTES + 1)
     for given, message in (
-        (large, f"has {MOST_BYTES[GRAPH] + 1:,} bytes, more than {MOST_BYTES[GRAPH]:,}"),
+        (large, f"has {MOST_BYTES + 1:,} bytes, more than {MOST_BYTES:,}"),
         (tmp_path, "more than"),
         (tmp_path / "missing", "is neither a folder, a file, nor an id"),
     ):

@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import hashlib
+import json
 import os
 import re
 import shutil
 import signal
 import subprocess
 import sys
-import tempfile
 import time
 from contextlib import contextmanager
 from pathlib import Path
@@ -18,8 +19,8 @@ from seasons import Performer
 from support.crashing import killed_before
 from support.graphs import endless
 
-from pipeline.machinery.sums import HASHES
-from pipeline.season.commitment import Season, private_folder
+from labyrinth_core.storage import LocalFile
+from pipeline.machinery import Sums
 
 pytestmark = [
     pytest.mark.slow,
@@ -34,7 +35,7 @@ def files_in(folder):
 def checked(folder):
     """Check a folder's list with the program of the system."""
     return subprocess.run(
-        ["sha256sum", "--check", "--quiet", HASHES], cwd=folder, check=True, capture_output=True
+        ["sha256sum", "--check", "--quiet", Sums.FILE], cwd=folder, check=True, capture_output=True
     )
 
 
@@ -71,8 +72,10 @@ def test_a_season_goes_on_after_a_kill_before_any_change(tmp_path, make_run):
     def right(perform, said):
         assert "publish this folder now" in said, said
         place = perform.place
-        Season.read(place).require_secret(place.secret)
-        names = ["2026-a.secret", f"2026-a/{HASHES}", "2026-a/season.json"]
+        secret = bytes.fromhex(place.secret.read_text(encoding="ascii"))
+        committed = json.loads(place.season.read_text(encoding="utf-8"))["secret_sha256"]
+        assert hashlib.sha256(secret).hexdigest() == committed
+        names = ["2026-a.secret", f"2026-a/{Sums.FILE}", "2026-a/season.json"]
         assert files_in(perform.folder / "seasons") == sorted(names)
         checked(place.public)
 
@@ -88,8 +91,8 @@ def test_a_judge_goes_on_after_a_kill_before_any_change(tmp_path, make_run):
         assert re.search(r"is judged( again, with the same bytes)?: SPL", said), said
         place = perform.place
         names = [f"2026-a.private/{n}" for n in ("1.json", "1/config.json", "1/model.safetensors")]
-        names += [f"2026-a.private/{HASHES}", "2026-a.secret"]
-        names += [f"2026-a/{name}" for name in (HASHES, "judged.json", "season.json")]
+        names += [f"2026-a.private/{Sums.FILE}", "2026-a.secret"]
+        names += [f"2026-a/{name}" for name in (Sums.FILE, "judged.json", "season.json")]
         assert files_in(perform.folder / "seasons") == sorted(names)
         checked(place.public)
         checked(place.private)
@@ -102,7 +105,7 @@ def test_a_judge_goes_on_after_a_kill_before_any_change(tmp_path, make_run):
 def test_a_reveal_goes_on_after_a_kill_before_any_change(hidden, tmp_path, make_run):
     def right(perform, said):
         assert "is revealed: publish it" in said, said
-        names = [HASHES, "judged.json", "results/1.json", "season.json", "secret.txt"]
+        names = [Sums.FILE, "judged.json", "results/1.json", "season.json", "secret.txt"]
         names += ["submissions/1/config.json", "submissions/1/model.safetensors"]
         assert files_in(perform.place.public) == sorted(names)
         checked(perform.place.public)
@@ -181,10 +184,11 @@ def test_a_killed_judge_leaves_no_graph_that_computes_and_the_next_removes_its_c
 @contextmanager
 def private_folder_in(folder):
     """Hold a temporary folder of a process that is alive."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(tempfile, "tempdir", str(folder))
-        with private_folder() as own:
-            yield own
+    own = folder / "labyrinth-season-alive"
+    with LocalFile(folder / f".{own.name}.lock").locked():
+        own.mkdir()
+        yield own
+        own.rmdir()
 
 
 def busy(process):

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import errno
-import hashlib
 import json
 import os
 import re
@@ -11,16 +10,15 @@ import shutil
 from pathlib import Path
 
 import pytest
-from seasons import Performer
+from seasons import Performer, seed_of
 from support.policies import RELEASED
 from support.publishing import local_hub, run_script
 
 from labyrinth_core.evaluation import Results
-from pipeline.config.errors import ConfigError
+from pipeline.config import ConfigError
 from pipeline.generation import build
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.season import judge
-from pipeline.season.commitment import Season, seed_of, without_seed
 
 __all__ = ["local_hub"]
 
@@ -29,13 +27,10 @@ FIGURES = r"SPL [01]\.\d\d, SR [01]\.\d\d"
 """The labyrinths are random, and the planner solves nearly all of them."""
 
 
-def test_the_seed_follows_from_the_secret_as_the_documents_say(make_run, tmp_path):
-    config = without_seed(make_run(tmp_path).dataset)
-    text = json.dumps(config, sort_keys=True, separators=(",", ":"))
-    hashed = hashlib.sha256(b"labyrinth season, seed, version 1\n" + bytes(32) + text.encode())
-    assert seed_of(bytes(32), config) == int(hashed.hexdigest()[:16], 16)
-    assert seed_of(bytes(31) + b"\1", config) != seed_of(bytes(32), config)
-    assert seed_of(bytes(32), config | {"labyrinths": 9}) != seed_of(bytes(32), config)
+def test_the_seed_follows_from_the_secret_as_the_documents_say(revealed):
+    secret = bytes.fromhex(revealed.place.revealed.read_text(encoding="ascii"))
+    assert f"The dataset has seed={seed_of(revealed.place, secret)} and" in revealed.printed
+    assert len(secret) == 32
 
 
 @pytest.mark.parametrize(
@@ -75,9 +70,9 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
     judged = re.search(rf"planner-seed0 is judged: ({FIGURES}), in ", said)
     assert judged is not None
     assert f"planner-seed0 is judged again, with the same bytes: {judged[1]}, in " in said
-    made, text = Season.read(place), place.secret.read_text(encoding="ascii")
+    text = place.secret.read_text(encoding="ascii")
     secret = bytes.fromhex(text)
-    seed = made.dataset_of(secret).seed
+    seed = seed_of(place, secret)
     for stage, given, message in (
         ("season", {"date": "2026-12-01"}, "2026-a exists: choose another season.name"),
         ("season", {"labyrinths": 17}, "2026-a exists: choose another season.name"),
@@ -108,7 +103,7 @@ def test_until_it_is_revealed_the_secret_is_in_its_file_and_nowhere_else(hidden)
     contents = {path: path.read_bytes() for path in hidden.folder.rglob("*") if path.is_file()}
     assert contents.pop(place.secret) == text.encode()
     names = ["1.json", "config.json", "judged.json", "model.safetensors", "season.json"]
-    assert sorted(path.name for path in contents) == sorted([*names, HASHES, HASHES])
+    assert sorted(path.name for path in contents) == sorted([*names, Sums.FILE, Sums.FILE])
     contents["printed"] = hidden.printed.encode()
     told = [secret[:8], secret[-8:], secret.hex()[:16].encode(), secret.hex()[-16:].encode()]
     told += [str(seed).encode(), f"{seed:x}".encode(), seed.to_bytes(8, "big")]
@@ -197,7 +192,7 @@ sys.path[:0] = map(str, [tests.parent, tests, tests / "pipeline" / "season"])
 from huggingface_hub import HfApi
 from support.making import run_of
 from support.policies import lay_out_released
-from seasons import Performer
+from seasons import Performer, seed_of
 
 folder, api = Path(sys.argv[1]), HfApi()
 perform = Performer(folder, run_of)

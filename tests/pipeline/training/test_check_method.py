@@ -10,15 +10,15 @@ import torch
 
 from labyrinth_core.learning import Learner
 from labyrinth_core.testing import check_method
-from pipeline.config.training import METHODS
-from pipeline.training.method import find
+from pipeline.config import TrainingOptions
+from pipeline.training.identity import find
 
 pytestmark = pytest.mark.slow  # Each method is trained for two epochs, twice.
 
 LESS = {"epochs": 2, "epochs_a_round": 1, "model_epochs": 1, "updates": 5, "pictures": 16}
 
 
-@pytest.mark.parametrize("name", METHODS)
+@pytest.mark.parametrize("name", TrainingOptions.METHODS)
 def test_our_methods_keep_their_promises(name: str) -> None:
     torch.set_num_threads(1)
     known = vars(find(name, {})[1])

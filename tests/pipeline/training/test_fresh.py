@@ -11,24 +11,19 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from support.learning import equal_weights
-from support.making import Run
+from support.learning import equal_weights, learner_of
+from support.making import Run, SplitsConfig, perform
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.evaluation import Results
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.problem import FreshLabyrinths, Problem
-from labyrinth_core.learning.steps import load_steps
+from labyrinth_core.learning import Problem
+from labyrinth_core.learning.problem import FreshLabyrinths
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
-from pipeline.command.dataset import SplitsConfig
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation import evaluate as stage
+from pipeline.config import ConfigError
 from pipeline.training import train
-from pipeline.training.checkpoint import Progress
-from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.method import find
+from pipeline.training.loop import PROTOCOLS, Progress, fit
 
 VECTORS = ObservationSpec("vector", 64)
 
@@ -83,12 +78,14 @@ def test_an_epoch_is_train_of_a_dataset_with_another_seed(
     assert problem.arrays.labyrinths == arrays.labyrinths
     assert np.array_equal(problem.arrays.demonstrated, arrays.demonstrated)
     assert np.array_equal(problem.observations[np.arange(9)], arrays.observations[:9])
+    data, spec = Dataset(built.data_dir, "3x3"), problem.spec
+    of_built = Problem.of_dataset(data, arrays, spec, learner="a test")
+    loaded = {"train": of_built.demonstrations, "random": of_built.exploration()}
     for split, steps in (
         ("train", problem.demonstrations),
         ("random", problem.exploration()),
     ):
-        loaded = load_steps(Dataset(built.data_dir, "3x3")[split], arrays)
-        assert all(map(np.array_equal, steps, loaded))
+        assert all(map(np.array_equal, steps, loaded[split]))
     again, other = fresh.renewed(problem, 3), fresh.renewed(problem, 4)
     assert again.arrays.labyrinths == arrays.labyrinths != other.arrays.labyrinths
     assert FreshLabyrinths(small_dataset.dataset, VECTORS, 8).config_of(3) != fresh.config_of(3)
@@ -102,7 +99,6 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
     fresh = FreshLabyrinths(small_dataset.dataset, VECTORS, 0)
     given = {"epochs": 3, "evaluate_every": 3}
     given |= {"epochs_a_round": 2} if name in ("bco", "iupe") else {}
-    method, settings = find(name, given)
     shown: list[int] = []
 
     def renewed(problem: Problem, epoch: int) -> Problem:
@@ -110,7 +106,7 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
         return fresh.renewed(problem, epoch)
 
     def trained(path: Path, ends: int = 9) -> dict[str, torch.Tensor]:
-        learner: Learner = method(renewed(problem_of(renewed=renewed), 0), settings)
+        learner = learner_of(name, renewed(problem_of(renewed=renewed), 0), **given)
 
         def report(done: Progress) -> None:
             if done.epoch == ends:
@@ -120,7 +116,8 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
             return {"validation_sr": 0.5}
 
         fit(learner, judge, PROTOCOLS["default"], path, {}, report, checkpoint_seconds=0)
-        return learner.policy.state_dict()
+        weights: dict[str, torch.Tensor] = learner.policy.state_dict()
+        return weights
 
     whole = trained(tmp_path / "whole")
     assert shown == [0, 0, 1, 2]
@@ -135,8 +132,7 @@ def test_dagger_labels_the_states_that_it_visits_in_the_labyrinths_of_the_epoch(
     problem_of: Callable[..., Problem], small_dataset: Run
 ) -> None:
     fresh = FreshLabyrinths(small_dataset.dataset, VECTORS, 0)
-    method, settings = find("dagger", {})
-    learner: Any = method(problem_of(renewed=fresh.renewed), settings)
+    learner = learner_of("dagger", problem_of(renewed=fresh.renewed))
     added = 0
     for epoch in range(3):
         learner.renew(fresh.renewed(learner.problem, epoch))
@@ -153,8 +149,7 @@ def test_bco_labels_the_demonstrations_of_each_epoch_also_between_two_rounds(
     problem_of: Callable[..., Problem], small_dataset: Run
 ) -> None:
     fresh = FreshLabyrinths(small_dataset.dataset, VECTORS, 0)
-    method, settings = find("bco", {"epochs_a_round": 2})
-    learner: Any = method(problem_of(renewed=fresh.renewed), settings)
+    learner = learner_of("bco", problem_of(renewed=fresh.renewed), epochs_a_round=2)
     for epoch in range(3):
         learner.renew(fresh.renewed(learner.problem, epoch))
         learner.epoch()
@@ -176,7 +171,7 @@ def test_a_run_is_evaluated_under_a_name_of_its_own(
         train_labyrinths="fresh",
     )
     train.run(run)
-    stage.run(run)
+    perform("evaluate", run)
     assert run.training_folder.name == "bc-cnn-seed0-fresh"
     results = Results.load(run.training_folder / "results.json")
     assert results.run.of_all_seeds == "bc-cnn-fresh"

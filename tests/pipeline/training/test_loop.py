@@ -11,13 +11,11 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from support.learning import settings_of
+from support.learning import learner_of
 
-from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.problem import Problem
-from pipeline.config.errors import ConfigError
+from labyrinth_core.learning import Problem
+from pipeline.config import ConfigError
 from pipeline.training.loop import PROTOCOLS, fit
-from pipeline.training.record import CHECKPOINT
 
 
 @pytest.mark.slow
@@ -25,15 +23,15 @@ from pipeline.training.record import CHECKPOINT
 def test_a_loss_that_is_not_finite_ends_the_run_and_leaves_the_checkpoint_before_it(
     problem_of: Callable[..., Problem], tmp_path: Path, broken: float
 ) -> None:
-    learner = bc.Method(problem_of(), settings_of("bc", epochs=9))
-    path, losses, kept = tmp_path / CHECKPOINT, iter([2.0, 1.0, broken]), []
+    learner = learner_of("bc", problem_of(), epochs=9)
+    path, losses, kept = tmp_path / "checkpoint", iter([2.0, 1.0, broken]), []
 
     def epoch() -> dict[str, float]:
         if path.exists():
             kept.append(path.read_bytes())
         return {"loss": next(losses)}
 
-    learner.__class__ = type("Broken", (bc.Method,), {"epoch": lambda _: epoch()})
+    learner.__class__ = type("Broken", (type(learner),), {"epoch": lambda _: epoch()})
     with pytest.raises(ConfigError) as caught:
         fit(
             learner,
@@ -53,14 +51,14 @@ def test_a_loss_that_is_not_finite_ends_the_run_and_leaves_the_checkpoint_before
 def test_the_protocol_of_the_paper_stops_after_five_evaluations_without_a_better_one(
     problem_of: Callable[..., Problem], tmp_path: Path
 ) -> None:
-    learner = bc.Method(problem_of(), settings_of("bc", epochs=100))
-    learner.__class__ = type("Idle", (bc.Method,), {"epoch": lambda _: {"loss": 0.5}})
+    learner = learner_of("bc", problem_of(), epochs=100)
+    learner.__class__ = type("Idle", (type(learner),), {"epoch": lambda _: {"loss": 0.5}})
     rates = iter([0.1, *[0.3] * 10])
 
     def judge(_: Any) -> dict[str, float]:
         return {"validation_sr": next(rates)}
 
-    done = fit(learner, judge, PROTOCOLS["paper"], tmp_path / CHECKPOINT, {}, lambda _: None)
+    done = fit(learner, judge, PROTOCOLS["paper"], tmp_path / "checkpoint", {}, lambda _: None)
     assert done.epoch == 70
     assert done.best is not None
     assert done.best["epoch"] == 70
@@ -84,17 +82,17 @@ def test_the_protocol_of_the_paper_stops_after_five_evaluations_without_a_better
 def test_what_a_method_may_not_do_is_refused_at_once(
     problem_of: Callable[..., Problem], tmp_path: Path, returned: Any, state: Any, told: str
 ) -> None:
-    learner, epochs = bc.Method(problem_of(), settings_of("bc")), []
+    learner, epochs = learner_of("bc", problem_of()), []
 
     def epoch(learner: Any) -> Any:
         epochs.append(1)
         learner.seen = state
         return returned
 
-    learner.__class__ = type("Wrong", (bc.Method,), {"epoch": epoch})
+    learner.__class__ = type("Wrong", (type(learner),), {"epoch": epoch})
     judge, protocol = (lambda _: {"validation_sr": 0.5}), PROTOCOLS["default"]
     with pytest.raises(ConfigError, match=told) as caught:
-        fit(learner, judge, protocol, tmp_path / CHECKPOINT, {}, lambda _: None)
+        fit(learner, judge, protocol, tmp_path / "checkpoint", {}, lambda _: None)
     assert "\n" not in str(caught.value)
     assert epochs == [1]
 
@@ -103,11 +101,11 @@ def test_what_a_method_may_not_do_is_refused_at_once(
 def test_figures_of_numpy_and_torch_are_kept_as_numbers(
     problem_of: Callable[..., Problem], tmp_path: Path
 ) -> None:
-    learner = bc.Method(problem_of(), settings_of("bc", epochs=1))
+    learner = learner_of("bc", problem_of(), epochs=1)
     figures = {"loss": np.float32(0.5), "steps": np.int64(3), "norm": torch.tensor(0.25)}
-    learner.__class__ = type("Foreign", (bc.Method,), {"epoch": lambda _: figures})
+    learner.__class__ = type("Foreign", (type(learner),), {"epoch": lambda _: figures})
     judge, protocol = (lambda _: {"validation_sr": 0.5}), PROTOCOLS["default"]
-    done = fit(learner, judge, protocol, tmp_path / CHECKPOINT, {}, lambda _: None)
+    done = fit(learner, judge, protocol, tmp_path / "checkpoint", {}, lambda _: None)
     assert (
         json.loads(json.dumps(done.history[0])).items()
         >= {"loss": 0.5, "steps": 3.0, "norm": 0.25}.items()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Callable
+from copy import copy
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,23 +13,18 @@ import numpy as np
 import pytest
 import torch
 from numpy.typing import NDArray
-from support.learning import settings_of
-from support.making import Run
+from support.learning import learner_of, method_of, settings_of
+from support.making import Run, perform
 
+from labyrinth_core import load_policy
 from labyrinth_core.evaluation import LabyrinthArrays, Player, PolicyError
-from labyrinth_core.learning.methods import mapper
-from labyrinth_core.learning.networks.mapping import Mapper, MapperPolicy
-from labyrinth_core.learning.networks.slots import CELL, Slots, masks_of
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.spec import MapperSpec, NetworkSpec, PolicySpec
-from labyrinth_core.learning.steps import Steps
+from labyrinth_core.learning import NetworkSpec, Problem, Steps
+from labyrinth_core.learning.networks.slots import Slots, masks_of
 from labyrinth_core.pictures import PICTURE_SIZE, ObservationSpec, render
 from labyrinth_core.pictures.style import Style
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.world import Labyrinth, Solver, State, Task, sample_labyrinth
-from pipeline.evaluation import evaluate
 from pipeline.training import train
-from pipeline.training.checkpoint import read_policy
 
 pytestmark = pytest.mark.slow
 
@@ -37,8 +33,8 @@ Problems = Callable[..., Problem]
 TOY: dict[str, Any] = {"epochs": 100, "batch_size": 4}
 
 
-def toy(problem: Problem, **settings: Any) -> mapper.Method:
-    return mapper.Method(problem, settings_of("mapper", **TOY | settings))
+def toy(problem: Problem, **settings: Any) -> Any:
+    return learner_of("mapper", problem, **TOY | settings)
 
 
 @pytest.fixture(scope="module")
@@ -54,16 +50,30 @@ def folder(
         method={"name": "mapper", **TOY},
     )
     train.run(run)
-    evaluate.run(run)
+    perform("evaluate", run)
     return run.training_folder
 
 
 @pytest.fixture(scope="module")
-def trained(folder: Path) -> Mapper:
-    spec, settings = NetworkSpec("mapper", 3, 3, "navigation"), settings_of("mapper")
-    policy = read_policy(folder / PolicySpec.WEIGHTS, mapper.Method, settings, spec)
-    assert isinstance(policy.network, Mapper)
-    return policy.network.eval()
+def trained(folder: Path) -> Any:
+    """The policy of the run, for labyrinths of 3x3."""
+    return load_policy(folder)
+
+
+def fresh(height: int, width: int, **settings: Any) -> Any:
+    """Return the policy of a mapper with fresh weights."""
+    spec = NetworkSpec("mapper", height, width, "navigation")
+    mapper, chosen = method_of("mapper"), settings_of("mapper", **settings)
+    weights = mapper.make(spec, chosen).state_dict()
+    return mapper.player(mapper.trained(weights, spec, chosen), spec, chosen)
+
+
+def forgetful(policy: Any) -> Any:
+    """Return a mapper's policy that plans anew for each picture."""
+    policy = copy(policy)
+    policy.remember = False
+    policy.reset(0)
+    return policy
 
 
 def labyrinths_of(height: int, width: int, count: int = 10) -> list[Labyrinth]:
@@ -88,7 +98,7 @@ class Drawing:
         return np.stack([render(labyrinth, state, style=self.style) for labyrinth, state in views])
 
 
-def solved(policy: MapperPolicy, labyrinths: list[Labyrinth], style: Style | None = None) -> float:
+def solved(policy: Any, labyrinths: list[Labyrinth], style: Style | None = None) -> float:
     """Return the share of labyrinths that a policy solves by a shortest route."""
     drawing: Any = Drawing(style)
     won = [
@@ -123,9 +133,9 @@ CASES = [(size, look) for size in SIZES for look in LOOKS if look != "thin" or s
 
 @pytest.mark.parametrize(("size", "look"), CASES)
 def test_it_solves_labyrinths_of_any_size_start_goal_and_look(
-    trained: Mapper, size: tuple[int, int], look: str
+    trained: Any, size: tuple[int, int], look: str
 ) -> None:
-    policy = MapperPolicy(trained, *size)
+    policy = trained.for_labyrinths(*size, Task.NAVIGATION)
     assert solved(policy, labyrinths_of(*size), LOOKS[look]) >= 0.9
 
 
@@ -133,25 +143,24 @@ def test_without_bumps_it_does_not_know_that_walls_block(problem_of: Problems) -
     learner = toy(problem_of(), explore=False)
     for _ in range(20):
         learner.epoch()
-    assert solved(MapperPolicy(learner.policy, 3, 3), labyrinths_of(3, 3, 20)) < 0.8
+    policy = learner.player(learner.acting, learner.problem.spec, learner.settings)
+    assert solved(policy, labyrinths_of(3, 3, 20)) < 0.8
 
 
-def test_without_memory_it_confuses_the_start_with_the_goal(trained: Mapper) -> None:
+def test_without_memory_it_confuses_the_start_with_the_goal(trained: Any) -> None:
     labyrinths = labyrinths_of(4, 4, 20)
-    rates = [
-        solved(MapperPolicy(trained, 4, 4, remember=remember), labyrinths)
-        for remember in (True, False)
-    ]
+    policy = trained.for_labyrinths(4, 4, Task.NAVIGATION)
+    rates = [solved(each, labyrinths) for each in (policy, forgetful(policy))]
     assert rates[0] >= 0.9 > 0.7 > rates[1]
 
 
 def test_the_same_palette_or_another_gives_the_same_actions_to_the_bit() -> None:
     torch.manual_seed(0)
-    network, rng = Mapper(MapperSpec(32, 4)), np.random.default_rng(0)
+    policy, rng = fresh(4, 5), np.random.default_rng(0)
     labyrinths = labyrinths_of(4, 5)
     colours = rng.permutation(256)[:27].reshape(9, 3).tolist()
     drawings = [Drawing(None), Drawing(Style(*map(tuple, colours)))]
-    policies = [MapperPolicy(network, 4, 5) for _ in drawings]
+    policies = [copy(policy) for _ in drawings]
     for policy in policies:
         policy.reset(len(labyrinths))
     for cells in [[each.start for each in labyrinths], *rng.integers(20, size=(3, 10)).tolist()]:
@@ -165,16 +174,17 @@ def test_the_same_palette_or_another_gives_the_same_actions_to_the_bit() -> None
 
 def test_what_a_slot_is_does_not_depend_on_where_it_is() -> None:
     torch.manual_seed(0)
-    network = Mapper(MapperSpec(32, 4))
+    network = fresh(5, 5).network
     (labyrinth,) = labyrinths_of(5, 5, 1)
     masks = masks_of(Slots.of(render(labyrinth, State(labyrinth.start))).scene(5, 5)[None])
     roles = network.roles(masks)
     assert roles.ends.std() > 1e-4
+    cell = masks.shape[2] // 5
     for other in (
-        torch.roll(masks, (2 * CELL, 3 * CELL), (2, 3)),
+        torch.roll(masks, (2 * cell, 3 * cell), (2, 3)),
         masks.flip(2),
         masks.transpose(2, 3),
-        torch.nn.functional.pad(masks, (0, 3 * CELL, 2 * CELL, 0)),
+        torch.nn.functional.pad(masks, (0, 3 * cell, 2 * cell, 0)),
     ):
         for one, same in zip(roles, network.roles(other), strict=True):
             assert torch.allclose(one, same, atol=1e-5)
@@ -182,9 +192,9 @@ def test_what_a_slot_is_does_not_depend_on_where_it_is() -> None:
 
 def test_a_way_is_as_passable_as_the_least_passable_line_across_it() -> None:
     torch.manual_seed(0)
-    network = Mapper(MapperSpec(8, 4))
-    seen = torch.randn(1, 2, 8, 4, CELL, CELL)
-    lines = [seen[..., line, None, :].expand_as(seen) for line in range(CELL)]
+    network = fresh(5, 5, channels=8).network
+    seen = torch.randn(1, 2, 8, 4, 12, 12)  # A cell is 12 blocks high and wide.
+    lines = [seen[..., line, None, :].expand_as(seen) for line in range(12)]
     least = torch.stack([network.passable(each) for each in lines]).amin(0)
     assert torch.allclose(network.passable(seen), least, atol=1e-6)
 
@@ -217,17 +227,17 @@ def test_with_permuted_actions_the_same_is_learnt_of_the_permuted_ones(
     assert all(torch.equal(each, others[name]) for name, each in weights.items())
 
 
-def test_it_remembers_its_plan_until_it_is_reset(trained: Mapper) -> None:
+def test_it_remembers_its_plan_until_it_is_reset(trained: Any) -> None:
     labyrinth, other = labyrinths_of(3, 3, 2)
-    policy = MapperPolicy(trained, 3, 3)
+    policy = trained
     first, unlike = (render(each, State(each.start))[None] for each in (labyrinth, other))
     later = render(replace(labyrinth, goal=other.goal), State(labyrinth.start))[None]
-    fresh = []
+    alone = []
     for picture in (first, unlike, later):
         policy.reset(1)
-        fresh.append(int(policy.act(picture)[0]))
+        alone.append(int(policy.act(picture)[0]))
     policy.reset(1)
-    assert [int(policy.act(each)[0]) for each in (first, later)] == [fresh[0]] * 2
+    assert [int(policy.act(each)[0]) for each in (first, later)] == [alone[0]] * 2
 
 
 def counted(player: Player) -> tuple[Player, list[int]]:
@@ -248,11 +258,12 @@ def test_what_it_says_to_remember_ends_failures_early_and_alike() -> None:
     arrays = LabyrinthArrays.of_labyrinths(
         labyrinths_of(2, 2, 3), ObservationSpec("image", PICTURE_SIZE, draw=True)
     )
-    for remember in (True, False):
-        player = Player.of(MapperPolicy(Mapper(MapperSpec(4, 2)), 2, 2, remember=remember), 0)
+    policy = fresh(2, 2, channels=4, looks=2)
+    for each in (policy, forgetful(policy)):
+        player = Player.of(each, 0)
         saying, asked = counted(player)
         silent, asked_of_silent = counted(replace(player, remembered=None))
-        early, late = (each.step_through(arrays, 1) for each in (saying, silent))
+        early, late = (player.step_through(arrays, 1) for player in (saying, silent))
         assert len(asked) < len(asked_of_silent) == arrays.step_limit
         assert not early.solved.all()
         assert early.letters == late.letters
@@ -271,4 +282,4 @@ def test_both_stages_run_it_in_pictures_of_flat_colours(folder: Path) -> None:
 def test_other_tasks_are_refused(task: Task) -> None:
     spec = NetworkSpec("mapper", 3, 3, str(task))
     with pytest.raises(PolicyError, match=f"^task={task}: method=mapper supports only"):
-        mapper.Method.make(spec, settings_of("mapper"))
+        method_of("mapper").make(spec, settings_of("mapper"))

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import asdict, fields, replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from support.learning import equal_weights, states_seen_by
+from support.learning import equal_weights, learner_of, settings_of, states_seen_by
 from torch import nn
 
 from labyrinth_core.evaluation import Player
-from labyrinth_core.learning.learner import Learner
-from labyrinth_core.learning.networks.acting import NetworkPolicy
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import Observations, Steps
+from labyrinth_core.learning import Learner, Observations, Problem, Steps
 from labyrinth_core.pictures import Looks
-from pipeline.config.training import METHODS
-from pipeline.training.method import find
+from pipeline.config import TrainingOptions
 
 pytestmark = pytest.mark.slow
 
@@ -41,33 +37,29 @@ OTHERS = ("mapper", "planner")
 ALL = pytest.mark.parametrize("name", list(TOYS))
 
 
-def learner_of(name: str, problem: Problem) -> Learner:
-    method, chosen = find(name, TOYS[name])
-    return method(problem, chosen)
-
-
 def hasty(name: str, problem: Problem) -> Learner:
     """Return a learner that does in every epoch all that it ever does, but little of it."""
     less = {"epochs_a_round": 1, "model_epochs": 1, "updates": 5, "pictures": 64}
     less |= {"batch_size": 4 if name == "mapper" else 64}
-    known = asdict(find(name, {})[1])
-    method, chosen = find(name, {key: value for key, value in less.items() if key in known})
-    return method(problem, chosen)
+    known = vars(settings_of(name))
+    chosen = {key: value for key, value in less.items() if key in known}
+    return learner_of(name, problem, **chosen)
 
 
 def test_each_method_is_tried_here_and_says_what_its_settings_mean() -> None:
-    assert {*METHODS} == {*TOYS, *OTHERS}
-    for name in METHODS:
-        _, settings = find(name, {})
-        assert {each.name for each in fields(settings) if "checks" not in each.metadata} == set()
+    assert {*TrainingOptions.METHODS} == {*TOYS, *OTHERS}
+    for name in TrainingOptions.METHODS:
+        assert {
+            each.name for each in fields(settings_of(name)) if "checks" not in each.metadata
+        } == set()
 
 
 @ALL
 def test_the_loss_falls_and_the_policy_beats_chance(name: str, problem_of: Problems) -> None:
-    learner = learner_of(name, problem_of())
+    learner = learner_of(name, problem_of(), **TOYS[name])
     arrays = learner.problem.arrays
     losses = [learner.epoch()["loss"] for _ in range(learner.settings.epochs)]
-    policy = NetworkPolicy(learner.policy)
+    policy = learner.acting
     if name != "gail":  # The loss of an adversary rises as the policy gets better.
         assert np.mean(losses[-3:]) < np.mean(losses[:3])
     there = arrays.on_demonstration

@@ -11,15 +11,14 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.making import Run
+from support.making import Run, perform
 
 from labyrinth_core import evaluate as evaluate_policy
 from labyrinth_core import load_policy
 from labyrinth_core.errors import DatasetError
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation import evaluate
+from pipeline.config import ConfigError
 from pipeline.training import train
-from pipeline.training.method import find
+from pipeline.training.identity import find
 
 pytestmark = pytest.mark.slow
 
@@ -60,8 +59,8 @@ def run_of(small_dataset: Run, make_run: Callable[..., Run]) -> Callable[..., Ru
 
 
 def trained(run: Run) -> dict[str, Any]:
-    for stage in (train, evaluate):
-        stage.run(run)
+    for stage in ("train", "evaluate"):
+        perform(stage, run)
     record: dict[str, Any] = json.loads((run.training_folder / "run.json").read_bytes())
     return record
 
@@ -139,6 +138,31 @@ def test_a_run_of_other_code_is_not_taken_for_the_run(
     ):
         train.run(run_of("ours:Mine", settings=settings))
     train.run(run_of("ours:Mine", settings=settings, overwrite=True))
+
+
+def test_a_network_that_has_changed_in_another_module_is_refused_in_one_line(
+    module: Callable[[str, str], None], run_of: Callable[..., Run]
+) -> None:
+    module("shapes", "BIAS = True\n")
+    module(
+        "ours",
+        f"{BEGIN}from torch import nn\n"
+        "class Small(nn.Linear):\n"
+        "    def forward(self, pictures):\n"
+        "        return super().forward(pictures.flatten(1).float())\n"
+        "class Own(Learner):\n"
+        "    own_network = True\n"
+        "    @classmethod\n"
+        "    def make(cls, spec, settings):\n"
+        "        from shapes import BIAS\n"
+        f"        return Small(64 * 64 * 3, 4, BIAS)\n{IDLE}",
+    )
+    run = run_of("ours:Own")
+    train.run(run)
+    module("shapes", "BIAS = False\n")
+    sys.modules.pop("shapes")
+    with pytest.raises(DatasetError, match=r"safetensors is not a policy of this network: .*\Z"):
+        perform("evaluate", run)
 
 
 @pytest.mark.parametrize(

@@ -6,31 +6,36 @@ from collections.abc import Callable
 from dataclasses import replace
 from itertools import permutations
 from pathlib import Path
-from types import ModuleType
+from typing import Any
 
 import numpy as np
 import pytest
-from support.learning import settings_of
-from support.making import Run
+from support.learning import learner_of
+from support.making import DemonstrationsConfig, Run
 
+from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.evaluation.labyrinth_arrays import load_arrays
-from labyrinth_core.learning.examples import NO_LABEL, ExampleSampler
-from labyrinth_core.learning.methods import bc, planner
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import load_steps
+from labyrinth_core.learning import NetworkSpec, Problem
 from labyrinth_core.world import Episode, Task
-from pipeline.command.dataset import DemonstrationsConfig
 
 pytestmark = pytest.mark.slow
 
 
-def sampler_of(datasets: Path, task: str) -> ExampleSampler:
+NO_LABEL = -1
+
+
+def problem_in(folder: Path, config: str, task: str) -> Problem:
+    """Return the problem of a dataset."""
+    arrays = load_arrays(folder, config, "train")
+    spec = NetworkSpec("cnn", 3, 4, task)
+    return Problem.of_dataset(Dataset(folder, config), arrays, spec, learner="a test")
+
+
+def sampler_of(datasets: Path, task: str) -> Any:
     config = "3x4" if task == "navigation" else f"3x4-{task}"
-    arrays = load_arrays(datasets, config, "train")
-    return ExampleSampler(arrays)
+    return problem_in(datasets, config, task).examples
 
 
 @pytest.mark.parametrize("task", list(map(str, Task)))
@@ -94,24 +99,29 @@ def test_vectors_are_not_transformed_as_pictures(
     problem_of: Callable[..., Problem], name: str
 ) -> None:
     with pytest.raises(PolicyError, match=f"method.{name} transforms pictures: leave it out with"):
-        bc.Method(problem_of(encoder="mlp"), settings_of("bc", **{name: True}))
+        learner_of("bc", problem_of(encoder="mlp"), **{name: True})
 
 
-@pytest.mark.parametrize("method", [bc, planner])
+@pytest.mark.parametrize("name", ["bc", "planner"])
 def test_routes_that_are_not_shortest_are_not_relabelled(
-    problem_of: Callable[..., Problem], method: ModuleType
+    problem_of: Callable[..., Problem], name: str
 ) -> None:
     problem = problem_of(encoder="cnn")
-    name = method.__name__.rpartition(".")[2]
-    method.Method(problem, settings_of(name, relabel=True))
+    learner_of(name, problem, relabel=True)
     arrays = problem.arrays
-    longer = arrays.demonstrated.copy()
-    longer[arrays.initial[0], np.flatnonzero(~arrays.optimal[arrays.initial[0]])[0]] += 2
-    problem = problem_of(encoder="cnn", arrays=replace(arrays, demonstrated=longer))
-    words = rf"\Amethod\.relabel=true: .* 2 of {longer.sum()} demonstrated .*\.relabel=false\Z"
+    start = arrays.initial[:1]
+    longer = np.flatnonzero(~arrays.optimal[start[0]])[:1]
+    arrays = replace(
+        arrays,
+        routes=(*arrays.routes, longer, longer),
+        route_starts=np.concatenate([arrays.route_starts, start, start]),
+    )
+    problem = problem_of(encoder="cnn", arrays=arrays)
+    count = sum(map(len, arrays.routes))
+    words = rf"\Amethod\.relabel=true: .* 2 of {count} demonstrated .*\.relabel=false\Z"
     with pytest.raises(DatasetError, match=words):
-        method.Method(problem, settings_of(name, relabel=True))
-    method.Method(problem, settings_of(name, relabel=False))
+        learner_of(name, problem, relabel=True)
+    learner_of(name, problem, relabel=False)
 
 
 def test_whole_routes_are_labelled_where_they_go(problem_of: Callable[..., Problem]) -> None:
@@ -137,9 +147,8 @@ def test_examples_of_routes_that_err_are_learnt_from_as_they_are_where_none_is_r
 ) -> None:
     shown = DemonstrationsConfig(noise=0.7)
     run = build(tmp_path, size="4", task=task, labyrinths=4, demonstrations=shown)
-    arrays = load_arrays(tmp_path, run.dataset.name, "train")
-    sampler = ExampleSampler(arrays)
-    steps = load_steps(Dataset.at(run.folder)["train"], arrays)
+    problem = problem_in(tmp_path, run.dataset.name, task)
+    arrays, sampler, steps = problem.arrays, problem.examples, problem.demonstrations
     episodes = [sampler.episode(number) for number in range(len(sampler))]
     assert len(steps.states) == sum(map(len, episodes))
     lasts = np.cumsum([len(episode) for episode in episodes]) - 1

@@ -15,21 +15,21 @@ from typing import Any
 
 import pytest
 from support.crashing import killed_before
+from support.learning import method_of
 from support.making import Run
-from support.quick_python import python
 
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.spec import PolicySpec
-from labyrinth_core.policies.load import RunRecord
+from labyrinth_core.learning import PolicySpec
+from labyrinth_core.policies import RunRecord
 from labyrinth_core.storage import File
-from pipeline.config.errors import ConfigError
-from pipeline.machinery.artifact import leave
-from pipeline.machinery.sums import HASHES
+from pipeline.config import ConfigError
+from pipeline.machinery import Sums, leave
 from pipeline.training import record, train
-from pipeline.training.record import CURVES
 
 pytestmark = pytest.mark.slow
+
+BC = method_of("bc")
+CURVES = "curves.png"
 
 
 @pytest.fixture
@@ -107,7 +107,7 @@ def test_a_kill_before_any_change_of_files_leaves_the_old_run_or_the_new_one(
         assert [path.name for path in folder.parent.iterdir()] == [folder.name]
         there = sorted(path.name for path in folder.iterdir())
         assert there == [
-            HASHES,
+            Sums.FILE,
             PolicySpec.FILE,
             CURVES,
             PolicySpec.WEIGHTS,
@@ -122,23 +122,23 @@ def test_a_killed_run_that_replaces_another_goes_on_unless_settings_change(
     run_of: Callable[..., Run], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     train.run(run_of(epochs=1))
-    epoch, done = bc.Method.epoch, []
+    epoch, done = BC.epoch, []
 
-    def dying(self: bc.Method) -> dict[str, float]:
+    def dying(self: Any) -> dict[str, float]:
         if done:
             raise KeyboardInterrupt
         done.append(1)
         return epoch(self)
 
-    def counted(self: bc.Method) -> dict[str, float]:
+    def counted(self: Any) -> dict[str, float]:
         done.append(1)
         return epoch(self)
 
     for settings, still_to_do in (({}, 1), ({"epochs": 3}, 3)):
-        monkeypatch.setattr(bc.Method, "epoch", dying)
+        monkeypatch.setattr(BC, "epoch", dying)
         with pytest.raises(KeyboardInterrupt):
             train.run(run_of(), checkpoint_seconds=0)
-        monkeypatch.setattr(bc.Method, "epoch", counted)
+        monkeypatch.setattr(BC, "epoch", counted)
         done.clear()
         train.run(run_of(**settings))
         assert len(done) == still_to_do
@@ -152,7 +152,7 @@ def test_a_training_that_fails_leaves_the_finished_run_and_stops_no_other(
     train.run(run)
     before = {path.name: path.read_bytes() for path in run.training_folder.iterdir()}
     with monkeypatch.context() as patch:
-        patch.setattr(bc.Method, "epoch", lambda _: {"loss": float("nan")})
+        patch.setattr(BC, "epoch", lambda _: {"loss": float("nan")})
         with pytest.raises(ConfigError, match="Existing files are unchanged"):
             train.run(run_of())
     assert {path.name: path.read_bytes() for path in run.training_folder.iterdir()} == before
@@ -183,5 +183,6 @@ def test_what_a_notebook_draws_with_does_not_matter() -> None:
         "assert _curves('bc', [{'epoch': 1, 'loss': 0.5}]).startswith(b'\\x89PNG')"
     )
     for backend in ("module://no_such.backend", "no_such"):
-        command, environment = [python(), "-c", program], os.environ | {"MPLBACKEND": backend}
+        # A quick Python has imported Matplotlib, which reads this when it is imported.
+        command, environment = [sys.executable, "-c", program], os.environ | {"MPLBACKEND": backend}
         subprocess.run(command, env=environment, check=True)

@@ -14,22 +14,24 @@ from typing import Any
 
 import pytest
 import torch
-from support.making import Run
+from support.learning import method_of
+from support.making import Run, perform
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from labyrinth_core.evaluation import PolicyError
-from labyrinth_core.learning.methods import bc
-from labyrinth_core.learning.spec import PolicySpec
+from labyrinth_core.evaluation import PolicyError, Results
+from labyrinth_core.learning import PolicySpec
 from labyrinth_core.pictures import observations
-from labyrinth_core.policies.load import RunRecord
-from pipeline.config.errors import ConfigError
-from pipeline.evaluation.evaluate import results_of
-from pipeline.machinery.sums import HASHES
+from labyrinth_core.policies import RunRecord
+from pipeline.config import ConfigError
+from pipeline.machinery import Sums
 from pipeline.training import train
-from pipeline.training.record import BOARD, CHECKPOINT, CURVES
 
 pytestmark = pytest.mark.slow
+
+BC = method_of("bc")
+CURVES = "curves.png"
+BOARD, CHECKPOINT = "tensorboard", "checkpoint.safetensors"
 
 
 @pytest.fixture
@@ -64,7 +66,7 @@ def test_a_run_leaves_policy_curves_a_record_and_the_randomness_of_others_as_it_
     folder = run.training_folder
     assert folder.name == "bc-cnn-seed0"
     assert sorted(path.name for path in folder.iterdir()) == [
-        HASHES,
+        Sums.FILE,
         PolicySpec.FILE,
         CURVES,
         PolicySpec.WEIGHTS,
@@ -85,6 +87,12 @@ def test_a_run_returns_its_success_rate_on_validation_which_a_sweep_may_maximise
     run = run_of()
     made, there_already = train.run(run), train.run(run)
     assert made == there_already == record_of(run)["selected"]["validation_sr"]
+
+
+def results_of(run: Run) -> Results:
+    """Evaluate a run, and return its results."""
+    perform("evaluate", run)
+    return Results.load(run.training_folder / Results.FILE)
 
 
 def test_a_run_does_not_depend_on_what_another_library_sets_in_torch(
@@ -108,28 +116,28 @@ def test_a_run_killed_after_any_epoch_ends_as_if_it_had_not_been(
 ) -> None:
     whole = run_of("whole")
     train.run(whole)
-    killed, epoch = run_of("killed"), bc.Method.epoch
+    killed, epoch = run_of("killed"), BC.epoch
     for survived in (1, 1):
         left = [survived]
 
-        def dying(self: bc.Method, left: list[int] = left) -> dict[str, float]:
+        def dying(self: Any, left: list[int] = left) -> dict[str, float]:
             if not left.pop():
                 raise KeyboardInterrupt
             left.append(0)
             return epoch(self)
 
-        monkeypatch.setattr(bc.Method, "epoch", dying)
+        monkeypatch.setattr(BC, "epoch", dying)
         with pytest.raises(KeyboardInterrupt):
             train.run(killed, checkpoint_seconds=0)
         (working,) = killed.training_folder.parent.iterdir()
         assert [path.name for path in working.iterdir()] == [CHECKPOINT]
-    done: list[bc.Method] = []
+    done: list[Any] = []
 
-    def counted(self: bc.Method) -> dict[str, float]:
+    def counted(self: Any) -> dict[str, float]:
         done.append(self)
         return epoch(self)
 
-    monkeypatch.setattr(bc.Method, "epoch", counted)
+    monkeypatch.setattr(BC, "epoch", counted)
     train.run(killed)
     assert len(done) == len(record_of(whole)["history"]) - 2  # What was done is not done again.
     assert weights_of(killed) == weights_of(whole)
@@ -228,7 +236,7 @@ def test_a_missing_library_is_answered_with_the_extra_that_has_it(
     monkeypatch.setitem(sys.modules, "torch.utils.tensorboard", None)
     with pytest.raises(ConfigError, match=r"pip install 'labyrinth-datasets\[tensorboard\]'"):
         train.run(run_of(tensorboard=True))
-    monkeypatch.setattr("pipeline.config.training.find_spec", lambda _: None)
+    monkeypatch.setattr("pipeline.config.options.find_spec", lambda _: None)
     with pytest.raises(ConfigError, match=r"torch: pip install 'labyrinth-datasets\[train\]'"):
         run_of().options.check_training()
 

@@ -15,9 +15,8 @@ from numpy.typing import NDArray
 from torch import Tensor, nn
 
 from labyrinth_core.learning.networks.network import WIDTH, Network, as_input
-from labyrinth_core.learning.problem import Problem
+from labyrinth_core.learning.problem import Problem, softmax
 from labyrinth_core.learning.spec import NetworkSpec
-from labyrinth_core.learning.steps import softmax
 
 from .learner import AuthorsLearner, Settings, try_out
 

@@ -12,8 +12,7 @@ import torch
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.learning.networks.adversarial import Discriminator
-from labyrinth_core.learning.networks.network import ACTIONS, as_input
+from labyrinth_core.learning.networks.network import ACTIONS, Discriminator, as_input
 from labyrinth_core.learning.problem import Problem
 
 from . import bc

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from torch import Tensor
 from torch.nn import functional
 
-from labyrinth_core.learning.steps import softmax
+from labyrinth_core.learning.problem import softmax
 
 from . import bco, learner
 

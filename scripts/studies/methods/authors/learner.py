@@ -21,7 +21,7 @@ from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.learning.learner import BaseSettings, Learner, setting
 from labyrinth_core.learning.networks.acting import BATCH
 from labyrinth_core.learning.networks.network import ACTIONS
-from labyrinth_core.learning.steps import Steps, draw, parts_of
+from labyrinth_core.learning.problem import Steps, draw, parts_of
 
 VISITS = 5
 """An episode is cut when the agent returns to a state in which it has acted this many times."""

@@ -32,8 +32,7 @@ from torch.nn import functional
 
 from labyrinth_core.learning.learner import setting
 from labyrinth_core.learning.networks.acting import outputs_of
-from labyrinth_core.learning.problem import Problem
-from labyrinth_core.learning.steps import draw, roll_out, softmax
+from labyrinth_core.learning.problem import Problem, draw, roll_out, softmax
 
 from . import learner
 from .learner import AuthorsLearner, rows_of

@@ -25,8 +25,7 @@ from support.publishing import (
 )
 
 from labyrinth_core.errors import DatasetError
-from pipeline.config.errors import ConfigError
-from pipeline.config.export import ExportOptions
+from pipeline.config import ConfigError, ExportOptions
 from pipeline.release.derived import stage_export
 from pipeline.release.options import PublishOptions
 

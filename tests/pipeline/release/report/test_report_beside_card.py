@@ -7,7 +7,7 @@ import shutil
 import pytest
 from support.tampering import content_of
 
-from pipeline.machinery.sums import HASHES
+from pipeline.machinery import Sums
 from pipeline.release.card import write_card
 from pipeline.release.repository import listed
 from pipeline.report.report import write_report
@@ -23,6 +23,6 @@ def test_neither_dataset_nor_card_nor_release_is_touched(small_dataset, tmp_path
     path = write_report(data_dir, tmp_path / "runs")
     after = content_of(data_dir)
     assert {name: after[name] for name in before} == before
-    written = {path, path.with_name(HASHES)}
+    written = {path, path.with_name(Sums.FILE)}
     assert set(after) - set(before) == {str(each.relative_to(data_dir)) for each in written}
     assert {*listed(data_dir)} == published

@@ -6,7 +6,9 @@ docs/options.md and the checks.
 
 from __future__ import annotations
 
+import difflib
 import re
+import shlex
 from collections.abc import Iterable, Mapping
 from dataclasses import field, fields, is_dataclass
 from math import inf
@@ -14,13 +16,65 @@ from pathlib import Path
 from typing import Any, TypeVar, cast, get_args, get_origin, get_type_hints
 
 from labyrinth_core.checks import Checks
-from pipeline.config.errors import ConfigError, check, listed, no_option
 
 Options = TypeVar("Options")
 
 _LOCAL_FOLDER = (r"(?s)(?!.*://).*\S.*", "a folder on this machine")
 _DATASET = (r"(.*[^/]/\d+x\d+(-\w+)?/?)?", "a dataset and its config, such as data/other/4x6")
 """Patterns of values, and what they allow in words."""
+
+
+_FORMER = {
+    **dict.fromkeys(
+        ("buckets.train", "buckets.validation", "buckets.test"),
+        "give the three percents, as buckets=[34,33,33]",
+    ),
+    "executor_address": "give the address of the cluster, as executor=tcp://host:8786",
+    "executor_wait": "a run waits for workers as long as it takes, so leave it out",
+    **dict.fromkeys(
+        ("leakage", "leakage.source", "leakage.config"),
+        "give stages=certify certify.source=... certify.config=...",
+    ),
+}
+"""Option of an earlier version, also in files that it kept -> what to do now."""
+
+
+class ConfigError(ValueError):
+    """An option has an invalid value; the message is one line that says what to give."""
+
+    @classmethod
+    def no_option(cls, name: str, known: Iterable[str]) -> ConfigError:
+        """Return the error about an option that does not exist: its likely name, or all names.
+
+        Args:
+            name: The name that was given.
+            known: The options that exist.
+        """
+        if name in _FORMER:
+            return cls(f"{name} is no longer an option: {_FORMER[name]}")
+        names = [*known]
+        group = f"{name.rpartition('.')[0]}."
+        # A common prefix would make any two names similar.
+        within = group if all(each.startswith(group) for each in names) else ""
+        close = [each for each in names if each.endswith(f".{name}")] or [
+            within + each
+            for each in difflib.get_close_matches(
+                name.removeprefix(within), [each.removeprefix(within) for each in names], n=1
+            )
+        ]
+        advice = f"did you mean {close[0]}?" if close else f"choose from {listed(names)}"
+        return cls(f"{name} is not an option: {advice}")
+
+
+def check(holds: bool, message: str) -> None:
+    """Raise a ConfigError with the message unless the condition holds."""
+    if not holds:
+        raise ConfigError(message)
+
+
+def listed(words: Iterable[object]) -> str:
+    """Return words as `[a, b]` for a message."""
+    return f"[{', '.join(map(str, words))}]"
 
 
 def option(
@@ -64,7 +118,7 @@ def frozen(cls: type[Options], values: Mapping[str, Any], group: str = "") -> Op
     made = {}
     for name, value in values.items():
         if name not in kinds:
-            raise ConfigError(no_option(group + name, (group + each for each in kinds)))
+            raise ConfigError.no_option(group + name, (group + each for each in kinds))
         made[name] = _value(group + name, value, kinds[name])
     return cls(**made)
 
@@ -77,6 +131,9 @@ def _value(name: str, value: Any, kind: Any) -> Any:
     if is_dataclass(kind) or get_origin(kind) is dict:
         check(isinstance(value, dict), f"{name}={value}: give its own options, as {name}.NAME=...")
         return frozen(cast(type, kind), value, f"{name}.") if is_dataclass(kind) else value
+    for key in value if isinstance(value, dict) else ():
+        if f"{name}.{key}" in _FORMER:
+            raise ConfigError.no_option(f"{name}.{key}", ())
     if get_origin(kind) is tuple:
         of = get_args(kind)[0]
         values = [value] if isinstance(value, str) and of is str else value
@@ -146,3 +203,32 @@ def check_options(options: Any, cls: type, group: str = "") -> None:
                 value in one_of or (number and low <= value <= high and value != inf),
                 f"{name}={value}: give {what}{limits}{others}",
             )
+
+
+def literal(value: str) -> str:
+    """Return a text with each `${` escaped, which OmegaConf would take for a reference."""
+    return re.sub(r"(\\*)\$\{", r"\1\1\\${", value)
+
+
+def _quoted(value: str) -> str:
+    """Return a text as Hydra's grammar reads it, in quotation marks if it needs them."""
+    if re.fullmatch(r"(?!null$)[\w./:@%+-]+", value, re.ASCII):
+        return value
+    value = literal(value)
+    # Hydra reads a backslash as an escape only before a quotation mark, even the closing one.
+    value = re.sub(r'(\\*)"', r'\1\1\\"', value)
+    return f'"{value}{value[len(value.rstrip(chr(92))) :]}"'
+
+
+def _as_value(value: object) -> str:
+    """Return the value of an option as Hydra's grammar reads it."""
+    if value is None or isinstance(value, bool):
+        return "null" if value is None else str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{','.join(map(_as_value, value))}]"
+    return _quoted(value) if isinstance(value, str) else str(value)
+
+
+def as_typed(name: str, value: object) -> str:
+    """Return `name=value` as typed in a shell, with quotation marks for Hydra if needed."""
+    return shlex.quote(f"{name}={_as_value(value)}")

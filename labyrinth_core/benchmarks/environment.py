@@ -1,15 +1,19 @@
-"""Making the environment to certify, and what is known of it: its name, versions and state."""
+"""The environment to certify: making and calling it, its seeds, its versions and its state."""
 
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cache
 from importlib import import_module
 from importlib.metadata import PackageNotFoundError, packages_distributions, version
+from operator import index
 from typing import Any
 
-from labyrinth_core.benchmarks.errors import FAILURES, CertifyError
+import numpy as np
+
 from labyrinth_core.errors import one_line
 
 StateOf = Callable[[Any], Any]
@@ -17,6 +21,42 @@ StateOf = Callable[[Any], Any]
 
 REGISTERED_BY = (("MiniGrid-", "minigrid"), ("BabyAI-", "minigrid"), ("ALE/", "ale_py"))
 """How ids begin, and the package to import, which registers them."""
+
+Seeds = range | Sequence[int] | str
+"""Seeds as a caller gives them."""
+
+MOST = 10_000_000
+"""The maximum number of seeds of a split."""
+
+FAILURES = (Exception, SystemExit)
+"""What the code of others may raise, which is not a failure of ours."""
+
+
+class CertifyError(ValueError):
+    """A benchmark cannot be certified as asked; the message is one line that says why."""
+
+
+class EnvironmentFailure(Exception):  # noqa: N818  An error of the environment, not of ours.
+    """An environment raised an error or returned what it may not; the message is one line."""
+
+
+def called(function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+    """Call code of others and return its result.
+
+    Raises:
+        EnvironmentFailure: The call raised an error, which is the cause, or ended the program.
+    """
+    try:
+        return function(*arguments, **named)
+    except (CertifyError, EnvironmentFailure):
+        raise
+    except FAILURES as error:
+        raise failure(error) from error
+
+
+def failure(error: BaseException) -> EnvironmentFailure:
+    """Return an error of an environment as its failure."""
+    return EnvironmentFailure(f"{type(error).__name__}: {one_line(error):.200}")
 
 
 @dataclass(frozen=True)
@@ -90,10 +130,16 @@ def unwrapped(env: Any) -> Any:
     return getattr(env, "unwrapped", env)
 
 
+@cache
+def _owners() -> Mapping[str, list[str]]:
+    """Return the names of the packages that have each module; to find them takes 0.25 s."""
+    return packages_distributions()
+
+
 def versions_of(env: Any) -> dict[str, str]:
     """Return the versions of the packages that define an environment and its interface."""
     modules = {type(unwrapped(env)).__module__.partition(".")[0], "gymnasium", "numpy"}
-    owners = packages_distributions()
+    owners = _owners()
     names = {owner for module in modules for owner in owners.get(module, ())}
     found = {}
     for name in sorted({*names, "labyrinth-datasets"}):
@@ -146,3 +192,58 @@ def _labyrinth(env: Any) -> Any:
 
     env = unwrapped(env)
     return dump(env.labyrinth), env.state
+
+
+def seeds_of(given: object, name: str) -> tuple[int, ...]:
+    """Return the seeds of a split, each once, in the order given.
+
+    Args:
+        given: A range, an iterable of whole numbers, or a text such as `0:1000,5000,0:10:2`.
+        name: The name of the argument, for the message.
+
+    Raises:
+        CertifyError: The seeds are not whole numbers from 0 on, or there are none or too many.
+    """
+    allowed = "give seeds as a range, a list of whole numbers from 0 on, or a text such as 0:1000"
+    refusal = CertifyError(f"{name}={given!s:.60}: {allowed}")
+    try:
+        if isinstance(given, str):
+            parts: list[Sequence[int]] = [_part(part) for part in given.split(",")]
+        elif isinstance(given, Iterable):
+            parts = [given] if isinstance(given, range) else [[index(each) for each in given]]
+        else:
+            raise refusal
+    except (TypeError, ValueError) as error:
+        raise refusal from error
+    count = sum(map(len, parts))
+    if not 0 < count <= MOST:
+        raise CertifyError(f"{name}={given!s:.60}: {count:,} seeds: give 1 to {MOST:,}")
+    distinct = tuple(dict.fromkeys(seed for part in parts for seed in part))
+    if min(distinct) < 0:
+        raise refusal
+    return distinct
+
+
+def _part(text: str) -> range:
+    numbers = re.fullmatch(r"\s*(\d+)(?::(\d+)(?::(\d+))?)?\s*", text, re.ASCII)
+    if numbers is None:
+        raise ValueError(text)
+    first, end, step = numbers.groups()
+    return range(int(first), int(first) + 1 if end is None else int(end), int(step or 1))
+
+
+def evenly(seeds: Sequence[int], most: int) -> list[int]:
+    """Return all seeds, or so many evenly chosen ones."""
+    places = np.linspace(0, len(seeds) - 1, min(len(seeds), most)).astype(int)
+    return [seeds[index] for index in places.tolist()]
+
+
+def text_of(seeds: Sequence[int]) -> str:
+    """Return seeds as the shortest text of single seeds and runs with step 1."""
+    runs: list[list[int]] = []
+    for seed in seeds:
+        if runs and seed == runs[-1][1]:
+            runs[-1][1] += 1
+        else:
+            runs.append([seed, seed + 1])
+    return ",".join(f"{a}" if b == a + 1 else f"{a}:{b}" for a, b in runs)
