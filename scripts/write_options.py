@@ -1,10 +1,11 @@
-"""Write what repeats the declarations of the options: `conf/` and the table of docs/options.md.
+"""Write what repeats declarations: `conf/`, and the tables of options, columns and splits in pages.
 
     python scripts/write_options.py
 
 The declarations in `pipeline/config/` and the `Settings` of methods have types, defaults, bounds
 and meanings. `conf/config.yaml` shows the options without a stage of their own, each file of
-`conf/method` the settings of a method, each of `conf/export` the options of an export.
+`conf/method` the settings of a method, each of `conf/export` the options of an export. `COLUMNS`
+and `SPLITS` have the meanings of columns and splits.
 """
 
 from __future__ import annotations
@@ -16,6 +17,8 @@ from pathlib import Path
 from textwrap import wrap
 from typing import Any
 
+from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS
+from labyrinth_core.questions import QUESTION_COLUMNS
 from pipeline.command.composed import ALL, DEFAULTS, OPTIONS, SECTIONS, DatasetOptions, declared
 from pipeline.command.stages import STAGES
 from pipeline.config import ExportOptions, TrainingOptions
@@ -106,22 +109,40 @@ def export(format_: str) -> str:
     return comment + commented(vars(ExportOptions(format=format_)), meanings)
 
 
-def table() -> str:
-    """Return the table of docs/options.md."""
-    rows = "".join(
-        f"| `{name}` | {DEFAULTS[name] and f'`{DEFAULTS[name]}`'} | {meaning} |\n".replace(
-            "|  |", "| |"
-        )
+def tables() -> Iterator[tuple[str, str, Iterable[str]]]:
+    """Yield each table of the pages that repeats declarations: page, header, rows."""
+    options = (
+        f"| `{name}` | {DEFAULTS[name] and f'`{DEFAULTS[name]}`'} | {meaning} |"
         for name, meaning in OPTIONS.items()
     )
-    return f"| option | default | meaning |\n|---|---|---|\n{rows}"
+    yield "docs/options.md", "| option | default | meaning |", options
+    for page, columns in (
+        ("docs/make.md", COLUMNS),
+        ("docs/loading.md", TABLE_COLUMNS),
+        ("docs/questions.md", QUESTION_COLUMNS),
+    ):
+        rows = (f"| `{column.name}` | {column.meaning} |" for column in columns)
+        yield page, "| column | meaning |", rows
+    for page in ("README.md", "docs/make.md"):
+        rows = (f"| `{name}` | {SPLITS[name].meaning} |" for name in SPLITS.base)
+        yield page, "| split | contents |", rows
+    shifts = (
+        f"| `{name}` | {SPLITS[name].meaning} | `{SPLITS[name].parent or ''}` |".replace("``", "")
+        for name in SPLITS.shifts
+    )
+    yield "docs/shifts.md", "| split | contents | parent |", shifts
 
 
 def written() -> dict[Path, str]:
     """Return the content of each file."""
-    page = ROOT / "docs/options.md"
-    text = page.read_text(encoding="utf-8")
-    files = {page: re.sub(r"\| option \| default(.*\n)+?(?=\n|\Z)", lambda _: table(), text)}
+    files: dict[Path, str] = {}
+    for page, header, rows in tables():
+        text = files.get(ROOT / page) or (ROOT / page).read_text(encoding="utf-8")
+        above, found, below = text.partition(f"{header}\n")
+        assert found, f"{page} has no table {header}"
+        rule = re.sub(r"[^|]+", "---", header)
+        lines = "".join(f"{row}\n".replace("|  |", "| |") for row in (found.strip(), rule, *rows))
+        files[ROOT / page] = above + lines + re.sub(r"\A(\|.*\n)+", "", below)
     files |= {ROOT / "conf/config.yaml": config()}
     files |= {ROOT / f"conf/method/{name}.yaml": method(name) for name in TrainingOptions.METHODS}
     formats = ExportOptions.FORMATS if "export" in STAGES else ()  # A wing, which may be taken out.

@@ -146,7 +146,7 @@ HOMES = {
     ),
     "datasets": (
         "pipeline.generation",
-        "pipeline.certify.labyrinths",
+        "pipeline.certify.stage",
         "pipeline.release.verify",
         "pipeline.export",
     ),
@@ -166,7 +166,7 @@ HOMES = {
         "labyrinth_core.pictures.observations",
         "pipeline.generation.check_rows",
         "pipeline.release",
-        "pipeline.export.split",
+        "pipeline.export.stage",
     ),
     "rich": ("pipeline", "labyrinth_core.benchmarks.certification"),
     "yaml": ("pipeline",),

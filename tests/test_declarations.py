@@ -209,6 +209,11 @@ def test_an_observation_is_that_of_one_environment_and_of_many(kind: str) -> Non
         both, *_ = many.step(np.array([action, action]))
 
 
+def test_the_page_on_the_environment_explains_every_observation() -> None:
+    page = (ROOT / "docs" / "environment.md").read_text("utf-8")
+    assert all(f'**`"{kind}"`**' in page for kind in (*OBSERVATIONS, "state"))
+
+
 # A shift.
 
 

@@ -16,11 +16,8 @@ import yaml
 
 import labyrinth_core
 from labyrinth_core import __version__
-from labyrinth_core.data import COLUMNS, SPLITS, TABLE_COLUMNS
 from labyrinth_core.language import dump, parse
-from labyrinth_core.questions import QUESTION_COLUMNS
 from labyrinth_core.world import Task
-from pipeline.command.composed import DEFAULTS, OPTIONS
 
 ROOT = Path(__file__).parents[1]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
@@ -49,41 +46,6 @@ def table(heading: str, text: str) -> dict[str, str]:
         name, meaning = line.strip("| ").split(" | ", 1)
         rows[name.strip("`")] = meaning
     return rows
-
-
-ROWS = {
-    "column": {column.name: column.meaning for column in COLUMNS},
-    "split": {split: SPLITS[split].meaning for split in SPLITS.base},
-}
-DESCRIBED = {
-    name: f"`{DEFAULTS[name]}` | {meaning}" if DEFAULTS[name] else f"| {meaning}"
-    for name, meaning in OPTIONS.items()
-}
-"""Option -> its default and what it means."""
-TABLES = {
-    "README.md": {"split": ROWS["split"]},
-    "docs/make.md": ROWS,
-    "docs/options.md": {"option": DESCRIBED},
-    "docs/loading.md": {"column": {column.name: column.meaning for column in TABLE_COLUMNS}},
-    "docs/questions.md": {"column": {column.name: column.meaning for column in QUESTION_COLUMNS}},
-}
-"""Document -> heading of a table in it -> what the code says."""
-
-
-@pytest.mark.parametrize("document", TABLES)
-def test_the_tables_of_a_document_say_what_the_code_says(document):
-    text = (ROOT / document).read_text(encoding="utf-8")
-    assert {heading: table(heading, text) for heading in TABLES[document]} == TABLES[document]
-
-
-def test_the_page_on_shifts_explains_every_shift():
-    text = (ROOT / "docs" / "shifts.md").read_text(encoding="utf-8")
-    rows = [line for line in text.splitlines() if line.startswith("| `")][: len(SPLITS.shifts)]
-    parents = {shift: SPLITS[shift].parent for shift in SPLITS.shifts}
-    assert rows == [
-        f"| `{shift}` | {SPLITS[shift].meaning} | {f'`{parent}` |' if parent else '|'}"
-        for shift, parent in parents.items()
-    ]
 
 
 def test_the_guide_explains_every_task():

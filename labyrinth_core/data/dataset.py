@@ -29,7 +29,7 @@ from labyrinth_core.data.rows import (
     rows_together,
 )
 from labyrinth_core.data.table import Filter as Filter
-from labyrinth_core.data.table import Spans, Step, ends_of, select, table_file, table_groups
+from labyrinth_core.data.table import LabyrinthTable, Spans, Step, ends_of
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.remote import RemotePath
 from labyrinth_core.storage import AnyPath, folder_at
@@ -214,13 +214,18 @@ class Source:
         folder = self.locate([shard.path for shard in shards])
         return [ShardFile(folder, shard) for shard in shards]
 
+    @property
+    def labyrinth_table(self) -> LabyrinthTable:
+        """The table of labyrinths, which is downloaded first if it is on the Hub."""
+        return LabyrinthTable(self.locate([Manifest.TABLE]), self.manifest)
+
     def table_groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
-        """Yield the row groups of the table of labyrinths; see `table.table_groups`."""
-        return table_groups(self.locate([Manifest.TABLE]), self.manifest, columns)
+        """Yield the row groups of the table of labyrinths; see `LabyrinthTable.groups`."""
+        return self.labyrinth_table.groups(columns)
 
     def check_table(self) -> None:
         """Raise DatasetError if the table of labyrinths is missing or damaged."""
-        with table_file(self.locate([Manifest.TABLE]), self.manifest):
+        with self.labyrinth_table.opened():
             pass  # Opening it checks it.
 
     def require_unchanged(self) -> None:
@@ -253,10 +258,8 @@ class Query:
 
     @cached_property
     def spans(self) -> Spans:
-        """The rows of the requested labyrinths; see `select`."""
-        return select(
-            self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split, self.steps
-        )
+        """The rows of the requested labyrinths; see `LabyrinthTable.select`."""
+        return self.dataset.labyrinth_table.select(self.split, self.steps)
 
     def part(self, *, in_place: bool = False) -> Part:
         """Return the split or part; only the shards that it needs are downloaded from the Hub.

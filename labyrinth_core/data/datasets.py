@@ -23,7 +23,7 @@ from labyrinth_core.checks import whole
 from labyrinth_core.data.dataset import Filter, Query, Source, folder_of
 from labyrinth_core.data.dataset_config import SPLITS, is_of_train
 from labyrinth_core.data.manifest import Manifest, Shard
-from labyrinth_core.data.table import Step, chosen, unlike_shards
+from labyrinth_core.data.table import Step, unlike_shards
 from labyrinth_core.errors import printable_line
 from labyrinth_core.pictures import DEFAULT_IMAGE_SIZE
 from labyrinth_core.storage import AnyPath
@@ -420,8 +420,7 @@ class Selection(Query):
     @cached_property
     def _episodes(self) -> NDArray[np.int64]:
         """The number of episodes of each labyrinth."""
-        table = self.dataset.locate([Manifest.TABLE]), self.dataset.manifest, self.split
-        (counts,) = chosen(*table, self.steps, ["episodes"])
+        (counts,) = self.dataset.labyrinth_table.chosen(self.split, self.steps, ["episodes"])
         if ((counts < 1) | (counts > self.spans[1])).any():
             raise unlike_shards(self.split)
         return counts

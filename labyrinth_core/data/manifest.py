@@ -4,9 +4,9 @@ The manifest is written last, so a folder with a manifest is complete.
 
 What a file says of itself is compared with what was asked for when it is opened, before memory is
 taken for it. `Manifest.read` compares the dataset's name with its folder, and the rows of shards
-with their bytes; `table_file` and `rows.opened` compare a file's hash, size and footer with the
-manifest, and say whether the dataset was replaced meanwhile (`unless_replaced`). Jobs that read
-several splits end with `Dataset.require_unchanged`.
+with their bytes; `LabyrinthTable.opened` and `rows.opened` compare a file's hash, size and footer
+with the manifest, and say whether the dataset was replaced meanwhile (`unless_replaced`). Jobs that
+read several splits end with `Dataset.require_unchanged`.
 """
 
 from __future__ import annotations
@@ -380,9 +380,7 @@ def readable(name: object) -> Iterator[None]:
 
     try:
         yield
-    except (MemoryError, GeneratorExit):
-        # The files are fine. Arrow's MemoryError is an ArrowException, too; and when Python exits,
-        # it closes unfinished streams (GeneratorExit) after Arrow's names are gone.
+    except MemoryError:  # The file is fine, though Arrow's MemoryError is an ArrowException.
         raise
     except Exception as error:
         # Not imported here: without free file descriptors, the import would fail instead.

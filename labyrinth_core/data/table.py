@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple, TypeAlias
 
 import numpy as np
@@ -32,31 +33,132 @@ Filter: TypeAlias = "Expression"
 """A filter of the table of labyrinths, such as `pyarrow.compute.field("moves") >= 12`."""
 
 
-@contextmanager
-def table_file(folder: AnyPath, manifest: Manifest) -> Iterator[pyarrow.parquet.ParquetFile]:
-    """Check and open the table of labyrinths, whose texts are read dictionary-encoded.
+class Step(NamedTuple):
+    """One step in choosing labyrinths of a split."""
 
-    Raises:
-        DatasetError: The table is missing or damaged, or the caller cannot read it.
-    """
-    path = folder / Manifest.TABLE
-    with unless_replaced(folder, manifest.table), ExitStack() as stack:
-        with readable(path):
-            local = stack.enter_context(File(path).local_copy())
+    where: Filter | None
+    """The labyrinths that pass this filter; None for all."""
+    keep: Any = None
+    """How many of these, the first ones, or their indices in ascending order; None for all."""
 
-        def check() -> int:
+
+@dataclass(frozen=True)
+class LabyrinthTable:
+    """The table of labyrinths of a dataset: a file, and the manifest that describes it."""
+
+    folder: AnyPath
+    """The folder of the file."""
+    manifest: Manifest
+
+    @contextmanager
+    def opened(self) -> Iterator[pyarrow.parquet.ParquetFile]:
+        """Check and open the table, whose texts are read dictionary-encoded.
+
+        Raises:
+            DatasetError: The table is missing or damaged, or the caller cannot read it.
+        """
+        path, manifest = self.folder / Manifest.TABLE, self.manifest
+        with unless_replaced(self.folder, manifest.table), ExitStack() as stack:
             with readable(path):
-                digest, size = File(local).sha256(), local.stat().st_size
-            if digest != manifest.table.sha256:
-                raise DatasetError(f"{path} is damaged: its sha256 is not the manifest's; {AGAIN}")
-            return size
+                local = stack.enter_context(File(path).local_copy())
 
-        size = mended(path, check)
-        with readable(path):
-            file = stack.enter_context(TABLE_COLUMNS.opened(local))
-        if problem := table_problem(file, manifest, size):
-            raise DatasetError(f"{path} is damaged: {problem}")
-        yield file
+            def check() -> int:
+                with readable(path):
+                    digest, size = File(local).sha256(), local.stat().st_size
+                if digest != manifest.table.sha256:
+                    raise DatasetError(
+                        f"{path} is damaged: its sha256 is not the manifest's; {AGAIN}"
+                    )
+                return size
+
+            size = mended(path, check)
+            with readable(path):
+                file = stack.enter_context(TABLE_COLUMNS.opened(local))
+            if problem := table_problem(file, manifest, size):
+                raise DatasetError(f"{path} is damaged: {problem}")
+            yield file
+
+    def groups(self, columns: Sequence[str] | None = None) -> Iterator[pa.Table]:
+        """Yield the row groups of the table, all columns or some.
+
+        Raises:
+            DatasetError: The table is missing or damaged, or the caller cannot read it.
+        """
+        with self.opened() as file:
+            for group in range(file.num_row_groups):
+                with readable(self.folder / Manifest.TABLE):
+                    table = file.read_row_group(group, columns)
+                yield decoded(table)
+
+    def select(self, split: str, steps: Sequence[Step]) -> Spans:
+        """Return the rows of the chosen labyrinths of a split.
+
+        Args:
+            split: The name of the split.
+            steps: How labyrinths are chosen.
+
+        Raises:
+            ValueError: There are fewer labyrinths, or a filter cannot be applied.
+            DatasetError: The table is missing or damaged, or does not match the shards.
+        """
+        firsts, rows = self.chosen(split, steps, ("first_row", "rows"))
+        ends = ends_of(self.manifest.of(split))
+        # Each labyrinth is in one shard, and none overlaps another.
+        shard = np.searchsorted(ends, firsts, "right")
+        last = np.append(firsts[1:], ends[-1])
+        fits = (firsts >= 0) & (rows > 0) & (shard < len(ends)) & (rows <= last - firsts)
+        if not (fits.all() and (rows <= ends[shard] - firsts).all()):
+            raise unlike_shards(split)
+        return firsts, rows
+
+    def chosen(
+        self, split: str, steps: Sequence[Step], columns: Sequence[str]
+    ) -> list[NDArray[np.int64]]:
+        """Return columns of whole numbers for the chosen labyrinths; see `select`.
+
+        A missing value becomes -1, which no column has.
+        """
+        import pyarrow as pa
+        import pyarrow.compute as pc
+
+        for where, _ in steps:
+            if where is not None and not isinstance(where, pc.Expression):
+                raise ValueError(
+                    f"where={where!r:.99}: give an expression, such as "
+                    "pyarrow.compute.field('moves') >= 12"
+                )
+        names = [column.name for column in TABLE_COLUMNS]
+        filters = [str(where) for where, _ in steps]
+        read = {
+            "split",
+            *columns,
+            *(name for name in names if any(name in shown for shown in filters)),
+        }
+        table = pa.concat_tables(
+            group.filter(pc.field("split") == split) for group in self.groups(sorted(read))
+        )
+        for number, (where, keep) in enumerate(steps):
+            of = "the selection" if number else f"split={split}"
+            if where is not None:
+                try:
+                    table = table.filter(where)
+                except pa.ArrowException as error:
+                    reason = str(error).partition(" in ")[0].partition("\n")[0]
+                    raise ValueError(
+                        f"where={where}: {reason}; the columns of {Manifest.TABLE} are "
+                        f"{', '.join(names)}"
+                    ) from error
+                if not len(table):
+                    raise ValueError(f"where={where}: {of} has no such labyrinth")
+            if isinstance(keep, np.ndarray):
+                table = table.take(keep)
+            elif keep is not None:
+                filtered = "" if where is None else f" where {where}"
+                count = len(table)
+                held = f"a whole number from 1 to {count}, as many as {of} has{filtered}"
+                table = table.slice(0, whole("labyrinths", keep, 1, count, allowed=held))
+        values = (pc.fill_null(table[name], -1) for name in columns)
+        return [column.to_numpy().astype(np.int64) for column in values]
 
 
 def table_problem(file: pyarrow.parquet.ParquetFile, manifest: Manifest, size: int) -> str | None:
@@ -84,21 +186,6 @@ def table_problem(file: pyarrow.parquet.ParquetFile, manifest: Manifest, size: i
     return None
 
 
-def table_groups(
-    folder: AnyPath, manifest: Manifest, columns: Sequence[str] | None = None
-) -> Iterator[pa.Table]:
-    """Yield the row groups of the table of labyrinths, all columns or some.
-
-    Raises:
-        DatasetError: The table is missing or damaged, or the caller cannot read it.
-    """
-    with table_file(folder, manifest) as file:
-        for group in range(file.num_row_groups):
-            with readable(folder / Manifest.TABLE):
-                table = file.read_row_group(group, columns)
-            yield decoded(table)
-
-
 def decoded(table: pa.Table) -> pa.Table:
     """Return rows of the table of labyrinths with plain texts; raise DatasetError if one is long.
 
@@ -121,95 +208,11 @@ def decoded(table: pa.Table) -> pa.Table:
     return table
 
 
-class Step(NamedTuple):
-    """One step in choosing labyrinths of a split."""
-
-    where: Filter | None
-    """The labyrinths that pass this filter; None for all."""
-    keep: Any = None
-    """How many of these, the first ones, or their indices in ascending order; None for all."""
-
-
 def ends_of(shards: Sequence[Shard]) -> NDArray[np.int64]:
     """Return the row of the split at which each shard ends, exclusive."""
     return np.cumsum([shard.rows for shard in shards])
 
 
-def select(folder: AnyPath, manifest: Manifest, split: str, steps: Sequence[Step]) -> Spans:
-    """Return the rows of the chosen labyrinths of a split.
-
-    Args:
-        folder: The folder of the table of labyrinths.
-        manifest: The manifest of the dataset.
-        split: The name of the split.
-        steps: How labyrinths are chosen.
-
-    Raises:
-        ValueError: There are fewer labyrinths, or a filter cannot be applied.
-        DatasetError: The table is missing or damaged, or does not match the shards.
-    """
-    firsts, rows = chosen(folder, manifest, split, steps, ("first_row", "rows"))
-    ends = ends_of(manifest.of(split))
-    # Each labyrinth is in one shard, and none overlaps another.
-    shard = np.searchsorted(ends, firsts, "right")
-    last = np.append(firsts[1:], ends[-1])
-    fits = (firsts >= 0) & (rows > 0) & (shard < len(ends)) & (rows <= last - firsts)
-    if not (fits.all() and (rows <= ends[shard] - firsts).all()):
-        raise unlike_shards(split)
-    return firsts, rows
-
-
 def unlike_shards(split: str) -> DatasetError:
     """Return the error for a table of labyrinths that does not match the shards of a split."""
     return DatasetError(f"{Manifest.TABLE} does not match the shards of split={split}")
-
-
-def chosen(
-    folder: AnyPath,
-    manifest: Manifest,
-    split: str,
-    steps: Sequence[Step],
-    columns: Sequence[str],
-) -> list[NDArray[np.int64]]:
-    """Return columns of whole numbers of the table for the chosen labyrinths; see `select`.
-
-    A missing value becomes -1, which no column has.
-    """
-    import pyarrow as pa
-    import pyarrow.compute as pc
-
-    for where, _ in steps:
-        if where is not None and not isinstance(where, pc.Expression):
-            raise ValueError(
-                f"where={where!r:.99}: give an expression, such as "
-                "pyarrow.compute.field('moves') >= 12"
-            )
-    names = [column.name for column in TABLE_COLUMNS]
-    filters = [str(where) for where, _ in steps]
-    read = {"split", *columns, *(name for name in names if any(name in shown for shown in filters))}
-    table = pa.concat_tables(
-        group.filter(pc.field("split") == split)
-        for group in table_groups(folder, manifest, sorted(read))
-    )
-    for number, (where, keep) in enumerate(steps):
-        of = "the selection" if number else f"split={split}"
-        if where is not None:
-            try:
-                table = table.filter(where)
-            except pa.ArrowException as error:
-                reason = str(error).partition(" in ")[0].partition("\n")[0]
-                raise ValueError(
-                    f"where={where}: {reason}; the columns of {Manifest.TABLE} are "
-                    f"{', '.join(names)}"
-                ) from error
-            if not len(table):
-                raise ValueError(f"where={where}: {of} has no such labyrinth")
-        if isinstance(keep, np.ndarray):
-            table = table.take(keep)
-        elif keep is not None:
-            filtered = "" if where is None else f" where {where}"
-            count = len(table)
-            held = f"a whole number from 1 to {count}, as many as {of} has{filtered}"
-            table = table.slice(0, whole("labyrinths", keep, 1, count, allowed=held))
-    values = (pc.fill_null(table[name], -1) for name in columns)
-    return [column.to_numpy().astype(np.int64) for column in values]

@@ -96,7 +96,7 @@ def _why_not(labyrinth: Labyrinth, state: State, move: Action) -> str | None:
         return "wall"
     if beside in labyrinth.ice:
         return "ice"
-    return "door" if labyrinth.transition(state, move) == state else None
+    return labyrinth.task.rules.barrier if labyrinth.transition(state, move) == state else None
 
 
 def read_moves(answer: str) -> tuple[Action, ...]:

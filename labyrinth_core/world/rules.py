@@ -55,6 +55,8 @@ class TaskRules:
     phases: int = 1
     """The number of states of the world for each cell of the agent: 3 with a door (locked, key
     held, open)."""
+    barrier: str = ""
+    """What may stop a move besides walls, as scores of written routes name it; empty if nothing."""
     hides: bool = False
     """Whether the agent sees only some of the cells."""
     is_reversible: bool = True
@@ -103,6 +105,7 @@ class Task(StrEnum):
             "a key and a door, and needs both",
             " The door ({door}) opens to an agent that has been on the key ({key}).",
             phases=3,
+            barrier="door",
             is_reversible=False,
             needs_walls="without walls every door can be bypassed",
         ),

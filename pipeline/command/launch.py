@@ -51,7 +51,7 @@ from pipeline.command.composed import (
     resolve,
     unused,
 )
-from pipeline.command.entry import (
+from pipeline.command.ending import (
     FAULTS_OF_DISKS,
     GOES_ON,
     answer_signals,

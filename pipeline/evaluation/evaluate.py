@@ -19,7 +19,6 @@ from labyrinth_core.data import SPLITS, Dataset
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Evaluation, PolicyError, Results, RunName
 from labyrinth_core.language import labyrinth_id
-from labyrinth_core.pictures import animate
 from labyrinth_core.policies import PolicyNameError, RunRecord, open_policy
 from labyrinth_core.world import Solver
 from pipeline.config import ConfigError, Job, check
@@ -47,7 +46,7 @@ def run(job: Job[EvaluateOptions]) -> None:
         splits,
         asked.episodes,
         trained_on=named.trained_on,
-        follow=lambda each: tracked(((1, split) for split in each), "evaluate", len(each)),
+        follow=lambda each: tracked(each, "evaluate", len(each)),
     )
     if asked.memorised:
         results = _with_receipt(job, shown, results)
@@ -100,6 +99,8 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
 
     Each GIF shows the policy's episode next to an optimal one in the same labyrinth.
     """
+    from labyrinth_core.pictures import animate  # It imports Pillow.
+
     splits = results.splits
     split = "test" if "test" in splits else next(iter(splits))
     solved = np.atleast_2d(splits[split].episodes.solved).min(axis=0)
@@ -108,8 +109,7 @@ def _pictures(shown: Evaluation, results: Results, count: int, seed: int) -> dic
     for episode in shown.player.attempts(shown.load(split), chosen):
         labyrinth = episode.labyrinth
         optimal = labyrinth.replay(Solver(labyrinth).shortest_route(np.random.default_rng(seed)))
-        picture = animate(episode, optimal)
-        pictures[f"{labyrinth_id(labyrinth)}.gif"] = picture
+        pictures[f"{labyrinth_id(labyrinth)}.gif"] = animate(episode, optimal)
     return pictures
 
 

@@ -110,7 +110,12 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
     )
     if not options.policy:
         options.check_training()
-        check_unnamed(options.evaluation)
+        for name in described_by(options.evaluation):
+            check(
+                False,
+                f"evaluation.{name} is for policy=...: a trained run is evaluated under its own "
+                "name, on all splits",
+            )
         return
     check("train" not in stages, f"policy={options.policy}: give stages=evaluate, not train")
     check(
@@ -118,16 +123,6 @@ def _check(job: Job[EvaluateOptions], stages: Sequence[str]) -> None:
         f"evaluate_on={options.evaluate_on} is for trained policies: with policy, give dataset",
     )
     options.check_observation()
-
-
-def check_unnamed(evaluation: EvaluationOptions) -> None:
-    """Raise a ConfigError if an option that only `policy` has is given without it."""
-    for name in described_by(evaluation):
-        check(
-            False,
-            f"evaluation.{name} is for policy=...: a trained run is evaluated under its own "
-            "name, on all splits",
-        )
 
 
 def described_by(evaluation: EvaluationOptions) -> list[str]:

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from labyrinth_core.storage import File
-from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
+from pipeline.export.stage import PART_BYTES, Split, in_parts, png_value
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -24,7 +24,7 @@ from labyrinth_core.data import TABLE_COLUMNS, LoadedEpisode
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.storage import File
 from pipeline.config import ExportOptions
-from pipeline.export.split import PART_BYTES, Split, in_parts, png_value
+from pipeline.export.stage import PART_BYTES, Split, in_parts, png_value
 
 if TYPE_CHECKING:
     import pyarrow as pa

@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 from labyrinth_core.data import LoadedEpisode
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config import ExportOptions
-from pipeline.export.split import PART_BYTES, Split, in_parts
+from pipeline.export.stage import PART_BYTES, Split, in_parts
 
 if TYPE_CHECKING:
     from gymnasium.envs.registration import EnvSpec

@@ -31,7 +31,7 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.folders import WholeFolder
 from labyrinth_core.storage import AnyPath, File
 from pipeline.config import ConfigError, Job
-from pipeline.generation.candidates import Candidates, Chunk, Records, draw_chunk
+from pipeline.generation.labyrinths import Records
 from pipeline.generation.options import BuildOptions
 from pipeline.generation.shard import (
     ShardJob,
@@ -41,7 +41,7 @@ from pipeline.generation.shard import (
     make_shard,
     not_as_it_was,
 )
-from pipeline.generation.structures import check_capacity, sample
+from pipeline.generation.structures import Candidates, Chunk, check_capacity, draw_chunk, sample
 from pipeline.generation.table import structures_in, write_table
 from pipeline.generation.workplace import Workplace
 from pipeline.inspection import front_matter
@@ -72,8 +72,16 @@ def run(job: Job[BuildOptions], **sizes: Any) -> None:
     with held(job.data_dir, "README.md"):
         front_matter.update(job.data_dir)
     say(_summary(manifest))
-    _report_cut(manifest)
-    say(f"To load it: {_loading_line(job)}")
+    splits = manifest.config.splits
+    cut = {split: sum(shard.cut for shard in manifest.of(split)) for split in splits}
+    if named := ", ".join(f"{number} of {split}" for split, number in cut.items() if number):
+        limit = manifest.config.solutions_limit
+        say(f"solutions_limit={limit} was reached, so routes may be missing: {named}.")
+    folder = str(job.data_dir)
+    # `datasets` reads these as patterns, variables and chains of URLs, and finds no file.
+    is_strange = re.search(r"[*?$]|\[.*\]|::", str(job.data_dir.absolute())) is not None
+    load = "load_transitions" if is_strange or "://" in folder else "load_dataset"
+    say(f"To load it: {load}({folder!r}, {job.dataset.name!r})")
 
 
 def build(
@@ -222,7 +230,7 @@ class Build:
             own = len(jobs) * (part - 1) // parts
             jobs = jobs[own:] + jobs[:own]
         drawn = ordered_map(draw_chunk, jobs, options.workers)
-        for _ in tracked(((1, chunk) for chunk in drawn), "draw", total=len(jobs)):
+        for _ in tracked(drawn, "draw", len(jobs)):
             pass
         return (chunk.read(building) for chunk in chunks)
 
@@ -280,7 +288,7 @@ class Build:
         """Make the shards of jobs by workers."""
         made = ordered_map(make_shard, jobs, self.job.options.workers)
         total = sum(len(job.structures) for job in jobs)
-        return tuple(tracked(((shard.labyrinths, shard) for shard in made), "build", total=total))
+        return tuple(tracked(made, "build", total, lambda shard: shard.labyrinths))
 
     def _joined(self, jobs: Sequence[ShardJob]) -> tuple[Shard, ...]:
         """Return the shards that parts have finished; raise DatasetError if one is missing."""
@@ -365,25 +373,6 @@ def _check_shifts(config: DatasetConfig, shards: Sequence[Shard]) -> None:
                 f"shifts: {shift} cannot be made from any of {parents}; ask for more labyrinths, "
                 f"or leave {shift} out"
             )
-
-
-def _loading_line(job: Job[BuildOptions]) -> str:
-    """Return the line of Python that loads the dataset of a run."""
-    folder = str(job.data_dir)
-    whole = str(job.data_dir.absolute())
-    # `datasets` reads these as patterns, variables and chains of URLs, and finds no file.
-    is_strange = re.search(r"[*?$]|\[.*\]|::", whole) is not None
-    load = "load_transitions" if is_strange or "://" in folder else "load_dataset"
-    return f"{load}({folder!r}, {job.dataset.name!r})"
-
-
-def _report_cut(manifest: Manifest) -> None:
-    splits = manifest.config.splits
-    cut = {split: sum(shard.cut for shard in manifest.of(split)) for split in splits}
-    named = ", ".join(f"{count} of {split}" for split, count in cut.items() if count)
-    if named:
-        limit = manifest.config.solutions_limit
-        say(f"solutions_limit={limit} was reached, so routes may be missing: {named}.")
 
 
 def _summary(manifest: Manifest) -> Table:

@@ -3,7 +3,7 @@
 The build's functions make the rows from the structure in their text or, in a split with a parent,
 from the structures in the parent's shard. The file must hold these rows: byte for byte if the
 libraries are those of the manifest, else pixel for pixel. The table of labyrinths must hold the
-facts that follow from them. Each labyrinth must keep the rules in `rules`. No structure may occur
+facts that follow from them. Each labyrinth must keep the rules of its split. No structure may occur
 twice in splits without a parent. The number of labyrinths must be the configured one.
 """
 
@@ -107,9 +107,10 @@ def validate(data: Dataset, workers: int = 1) -> list[str]:
         problems.append(f"{shifts}: not compared with train, which cannot be read: {error}")
     jobs = list(_jobs(data, comparable, train))
     reports = tracked(
-        ((report.shard.rows, report) for report in ordered_map(check_shard, jobs, workers)),
+        ordered_map(check_shard, jobs, workers),
         "validate",
-        total=sum(shard.rows for shard in manifest.shards),
+        sum(shard.rows for shard in manifest.shards),
+        lambda report: report.shard.rows,
     )
     listed = {Manifest.TABLE, *(shard.path for shard in manifest.shards)}
     unlisted = sorted({path.name for path in data.folder.glob("*.parquet")} - listed)

@@ -1,4 +1,7 @@
-"""Make the labyrinth of a structure in each split, also in those derived from others."""
+"""The structures of a split, as records, and the labyrinth of each in every split.
+
+That is also a labyrinth of a split derived from another one.
+"""
 
 from __future__ import annotations
 
@@ -6,6 +9,9 @@ from collections.abc import Callable, Iterable, Iterator
 from dataclasses import fields, replace
 from itertools import pairwise
 from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
 
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world import (
@@ -16,6 +22,31 @@ from labyrinth_core.world import (
     Solver,
     Structure,
 )
+
+UNFIT = -1
+"""In place of the split of a candidate that no split can use, or that repeats one in its chunk."""
+
+Records = NDArray[np.void]
+"""Structures of one size, shape (n,): the id of each as a number, the index of its split in
+`SPLITS.sampled`, and its passages as bits."""
+
+
+def record_type(config: DatasetConfig) -> np.dtype[np.void]:
+    """Return the type of the items of `Records`."""
+    passages = Structure.without_walls(config.height, config.width).to_bytes()
+    return np.dtype([("id", "<i8"), ("split", "i1"), ("passages", f"V{len(passages)}")])
+
+
+def pack(config: DatasetConfig, structures: Iterable[tuple[Structure, int]]) -> Records:
+    """Return structures, each with the index of its split, as records."""
+    items = [(int(each.structure_id, 16), split, each.to_bytes()) for each, split in structures]
+    return np.array(items, record_type(config))
+
+
+def unpack(config: DatasetConfig, records: Records) -> Iterator[Structure]:
+    """Yield the structures that records hold."""
+    for passages in records["passages"]:
+        yield Structure.from_bytes(config.height, config.width, passages.tobytes())
 
 
 class Solution(NamedTuple):

@@ -26,8 +26,7 @@ from labyrinth_core.language import dump
 from labyrinth_core.pictures import StatePictures
 from labyrinth_core.storage import AnyPath, File
 from labyrinth_core.world import Episode, Labyrinth
-from pipeline.generation.candidates import Records, unpack
-from pipeline.generation.labyrinths import Solution, numbered_labyrinths
+from pipeline.generation.labyrinths import Records, Solution, numbered_labyrinths, unpack
 from pipeline.generation.table import (
     FACTS,
     Content,

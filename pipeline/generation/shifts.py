@@ -1,4 +1,4 @@
-"""The shifts that select their own structures: how candidates are drawn, and their properties.
+"""The shifts that select their own structures: the candidates' properties, and the selection.
 
 `labyrinth_core.data.dataset_config` says what the other shifts change, and `labyrinths` makes their
 labyrinths from those of their parent.
@@ -6,18 +6,24 @@ labyrinths from those of their parent.
 Structures with long routes are too rare to wait for, so `stretched` makes each from a sampled
 structure. It shuts a passage and opens another one if that does not shorten the route, again and
 again, until the route is long enough. So the number of loops stays the same.
+
+Such a shift matches test in the measures that the shift does not change. For each labyrinth of test
+in turn, it takes the candidate nearest in these measures, from a pool that is constantly renewed.
+Each structure taken is in the bucket of test, so no dataset trains on it, and no other split has
+it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from itertools import pairwise
+from functools import partial
+from itertools import chain, islice, pairwise
 from typing import NamedTuple
 
 import numpy as np
 
-from labyrinth_core.data import DatasetConfig, Drawing
+from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world import (
     ALGORITHMS,
     Labyrinth,
@@ -26,7 +32,10 @@ from labyrinth_core.world import (
     Solver,
     Structure,
 )
-from pipeline.generation.labyrinths import toggled, walls
+from pipeline.config import ConfigError
+from pipeline.generation.labyrinths import UNFIT, Records, pack, toggled, unpack, walls
+from pipeline.inspection import Neighbourhood
+from pipeline.machinery import tracked
 
 
 class Train(NamedTuple):
@@ -256,3 +265,142 @@ def _way(structure: Structure, start: int, goal: int) -> list[tuple[int, int]]:
         nearer = to_goal[way[-1]] - 1
         way.append(next(cell for cell in structure.moves[way[-1]] if to_goal[cell] == nearer))
     return list(pairwise(way))
+
+
+class Candidate(NamedTuple):
+    """A structure that may be selected, with the measures that are matched to test."""
+
+    measures: tuple[int, ...]
+    structure: Structure
+
+
+def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str, Records]:
+    """Return the structures of each shift that selects its own.
+
+    Args:
+        config: The configuration of the dataset.
+        sampled: The structures of train, validation and test.
+
+    Raises:
+        ConfigError: A shift finds too few structures.
+    """
+    structures = unpack(config, sampled["train"])
+    drawing = Drawing(config)
+
+    def routes(labyrinth: Labyrinth) -> Iterator[list[int]]:
+        """Yield the cells of each route that train demonstrates in a labyrinth."""
+        for episode in drawing.episodes("train", labyrinth):
+            yield [state.agent for state in episode.states]
+
+    labyrinths = (drawing.labyrinth("train", structure) for structure in structures)
+    train = train_of(config, ((each, routes(each)) for each in labyrinths))
+    taken = Taken(config, sampled)
+    measured = (measures_of(config, "test", each) for each in unpack(config, sampled["test"]))
+    targets = [measures for measures in measured if measures is not None]  # Test holds the task.
+
+    def of(split: str) -> Iterator[tuple[Structure, int]]:
+        picked = select(config, split, train, targets, taken)
+        return ((each, UNFIT) for each in tracked(picked, split, config.labyrinths))
+
+    return {split: pack(config, of(split)) for split in selected_shifts(config)}
+
+
+class Taken:
+    """The structures that shifts may not select: those that a split has, or that are near them."""
+
+    def __init__(self, config: DatasetConfig, sampled: Mapping[str, Records]) -> None:
+        self._config = config
+        # Shifts never select from the buckets of the other splits.
+        self._ids: set[int] = set(sampled["test"]["id"].tolist())
+        self._near: Neighbourhood | None = None
+        if config.min_walls > 1:
+            size = config.height, config.width
+            self._near = Neighbourhood(*size, config.min_walls - 1, 3 * config.labyrinths)
+            for structure in chain.from_iterable(unpack(config, of) for of in sampled.values()):
+                self._near.add(structure)
+
+    def take(self, structure: Structure) -> bool:
+        """Take a structure for a shift; return whether it was free."""
+        if self._config.bucket_of(structure) != "test":
+            return False
+        if self._near is not None and self._near.is_near(structure):
+            return False
+        number = int(structure.structure_id, 16)
+        is_free = number not in self._ids
+        self._ids.add(number)
+        return is_free
+
+
+def select(
+    config: DatasetConfig, split: str, train: Train, targets: Sequence[Measures], taken: Taken
+) -> Iterator[Structure]:
+    """Yield the structures of a shift, one for each labyrinth of test.
+
+    Args:
+        config: The configuration of the dataset.
+        split: The shift.
+        train: The properties of train.
+        targets: The measures of each labyrinth of test.
+        taken: The structures that may not be selected; this is updated.
+
+    Raises:
+        ConfigError: The search finds too few structures.
+    """
+    shift = SELECTED_SHIFTS[split]
+    candidates = _candidates(config, split, train)
+    pool = list(islice(candidates, shift.pool))
+    for number, measures in enumerate(targets):
+        pool += islice(candidates, shift.renewed)
+        del pool[: -shift.pool]
+        chosen = _nearest(pool, _free(split, measures), taken)
+        if chosen is None:
+            pool.clear()
+            more = (each.structure for each in islice(candidates, shift.patience))
+            chosen = next(filter(taken.take, more), None)
+        if chosen is None:
+            raise ConfigError(
+                f"shifts: {number} of labyrinths={config.labyrinths} were found for {split} at "
+                f"{config.name}, and no other after a long search; ask for fewer labyrinths, or "
+                f"leave {split} out"
+            )
+        yield chosen
+
+
+def _nearest(pool: list[Candidate], target: tuple[int, ...], taken: Taken) -> Structure | None:
+    """Take the free candidate nearest to a target out of a pool; return None if none is free.
+
+    Nearer candidates that are not free leave the pool as well.
+    """
+
+    def apart(measures: tuple[int, ...]) -> int:
+        return sum(abs(a - b) for a, b in zip(measures, target, strict=True))
+
+    distances = {key: apart(key) for key in {each.measures for each in pool}}
+    nearest_first = sorted(range(len(pool)), key=lambda index: distances[pool[index].measures])
+    for tried, index in enumerate(nearest_first, start=1):
+        structure = pool[index].structure
+        if taken.take(structure):
+            for gone in sorted(nearest_first[:tried], reverse=True):
+                del pool[gone]
+            return structure
+    return None
+
+
+def _candidates(config: DatasetConfig, split: str, train: Train) -> Iterator[Candidate]:
+    """Yield structures with the property of a shift, until there seem to be no more."""
+    shift = SELECTED_SHIFTS[split]
+    seed = np.random.SeedSequence(config.seed, spawn_key=(SPLITS[split].number,))
+    without = 0
+    for structure in shift.draw(config, split, train, np.random.default_rng(seed)):
+        without += 1
+        if without > shift.patience:
+            return
+        measures = measures_of(config, split, structure)
+        labyrinth = partial(Drawing(config).labyrinth, split, structure)
+        if measures is not None and shift.problem(measures, labyrinth, train) is None:
+            without = 0
+            yield Candidate(_free(split, measures), structure)
+
+
+def _free(split: str, measures: Measures) -> tuple[int, ...]:
+    return tuple(getattr(measures, name) for name in SELECTED_SHIFTS[split].free)

@@ -1,5 +1,10 @@
 """The structures of each split: unique ones from the candidates, and those that shifts select.
 
+The candidates are random structures in chunks, each a function of its number alone. So any worker
+can draw any chunk. The first chunk suffices for most datasets. It is the beginning of a single
+stream from the seed: datasets that need no other chunk have the same bytes as before chunks were
+introduced.
+
 A hash of its canonical form gives each structure its split. So no structure, and no mirror image
 that keeps start and goal, is in two of train, validation and test: neither within a dataset, nor
 across datasets with other seeds or lengths (and the same `buckets`).
@@ -10,42 +15,118 @@ splits in order; so a longer dataset begins with the structures of a shorter one
 With `splits.min_walls` above 1, train stays the same. Validation and test then go through the
 candidates once more, and take those that are far enough from train and from each other. So only
 train, and the splits on its structures, begin with the structures of a shorter dataset.
-
-A shift that selects its own structures matches test in the measures that the shift does not change.
-For each labyrinth of test in turn, it takes the candidate nearest in these measures, from a pool
-that is constantly renewed. Each structure taken is in the bucket of test, so no dataset trains on
-it, and no other split has it.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import hashlib
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import chain, combinations, islice
 from math import ceil
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
-from labyrinth_core.world import Labyrinth, Structure
+from labyrinth_core.storage import AnyPath, File
+from labyrinth_core.world import Structure
 from pipeline.config import ConfigError
-from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, record_type, unpack
-from pipeline.generation.shifts import (
-    SELECTED_SHIFTS,
-    Measures,
-    Train,
-    measures_of,
-    selected_shifts,
-    train_of,
-)
+from pipeline.generation.labyrinths import UNFIT, Records, pack, record_type, unpack
+from pipeline.generation.shifts import selected, selected_shifts
 from pipeline.inspection import Neighbourhood
-from pipeline.machinery import tracked
 
 COUNTABLE_EDGES = 13
 """Sizes with at most this many pairs of neighbouring cells, such as 3x3, are counted in full."""
+
+
+@dataclass(frozen=True)
+class Chunk:
+    """A part of the candidates of a dataset; equal chunks give equal records."""
+
+    config: DatasetConfig
+    number: int
+    size: int
+
+    @property
+    def name(self) -> str:
+        """The name of the chunk's file, which depends on all options of the dataset."""
+        key = json.dumps(self.config.to_json()), self.size
+        return f"{hashlib.sha256(repr(key).encode()).hexdigest()[:16]}-{self.number:05d}.chunk"
+
+    def candidates(self) -> Iterator[tuple[Structure, int]]:
+        """Yield the chunk's candidates, then others without end, each with its split's index."""
+        for structure, split in Drawing(self.config).candidates(self.number):
+            yield structure, UNFIT if split is None else SPLITS.sampled.index(split)
+
+    def records(self) -> Records:
+        """Draw the candidates of the chunk."""
+        return pack(self.config, islice(self.candidates(), self.size))
+
+    def read(self, folder: AnyPath) -> Records:
+        """Read the candidates that `draw_chunk` wrote to a folder.
+
+        Raises:
+            FileNotFoundError: The chunk has not been drawn.
+            ValueError: The file is damaged.
+        """
+        path = folder / self.name
+        records: Records = np.frombuffer(path.read_bytes(), record_type(self.config))
+        if len(records) != self.size:
+            raise ValueError(f"{path} holds {len(records)} candidates, not {self.size}")
+        return records
+
+
+def draw_chunk(job: tuple[Chunk, AnyPath]) -> None:
+    """Draw a chunk and write its file to a folder, unless it is there."""
+    chunk, folder = job
+    try:
+        chunk.read(folder)
+    except (FileNotFoundError, ValueError):
+        File(folder / chunk.name).write_bytes(chunk.records().tobytes())
+
+
+class Candidates:
+    """The candidates of a dataset, drawn in order and on demand."""
+
+    def __init__(
+        self,
+        config: DatasetConfig,
+        draw: Callable[[Sequence[Chunk]], Iterable[Records]] | None = None,
+        *,
+        cells: tuple[int, int] = Drawing.CELLS_PER_CHUNK,
+    ) -> None:
+        """Prepare to draw.
+
+        Args:
+            config: The configuration of the dataset.
+            draw: Returns the records of chunks, if the first one does not suffice; None to draw
+                them in this process.
+            cells: The cells of all candidates in the first chunk and in any other.
+        """
+        first, size = (max(1, each // (config.height * config.width)) for each in cells)
+        self.first = Chunk(config, 0, first)
+        self._later = Chunk(config, 1, size)
+        self._draw = draw or partial(map, Chunk.records)
+        self._begun = self.first.candidates()
+
+    def after(self, drawn: int, count: int) -> Records:
+        """Return the candidates that follow those drawn already, at least one and about `count`.
+
+        Args:
+            drawn: The number of candidates that this method has returned, 0 to begin again.
+            count: The number of candidates that seems to be needed.
+        """
+        first, size = self.first, self._later.size
+        if drawn + count <= first.size or 0 < drawn < first.size:
+            if not drawn:
+                self._begun = first.candidates()
+            return pack(first.config, islice(self._begun, min(count, first.size - drawn)))
+        begin, end = (-(-(number - first.size) // size) for number in (drawn, drawn + count))
+        chunks = [replace(self._later, number=1 + number) for number in range(max(begin, 0), end)]
+        return np.concatenate(list(self._draw(chunks if drawn else [first, *chunks])))
 
 
 @dataclass(frozen=True)
@@ -214,141 +295,3 @@ def check_capacity(config: DatasetConfig) -> None:
         exist = ", ".join(f"{count} in {split}" for split, count in counts.items())
         advice = f"ask for labyrinths={least} or fewer" if least else "choose another size or task"
         raise ConfigError(f"{asked}: there can be {exist}; {advice}")
-
-
-class Candidate(NamedTuple):
-    """A structure that may be selected, with the measures that are matched to test."""
-
-    measures: tuple[int, ...]
-    structure: Structure
-
-
-def selected(config: DatasetConfig, sampled: Mapping[str, Records]) -> dict[str, Records]:
-    """Return the structures of each shift that selects its own.
-
-    Args:
-        config: The configuration of the dataset.
-        sampled: The structures of train, validation and test.
-
-    Raises:
-        ConfigError: A shift finds too few structures.
-    """
-    structures = unpack(config, sampled["train"])
-    labyrinths = (Drawing(config).labyrinth("train", structure) for structure in structures)
-    train = train_of(config, ((each, _routes(config, each)) for each in labyrinths))
-    taken = Taken(config, sampled)
-    measured = (measures_of(config, "test", each) for each in unpack(config, sampled["test"]))
-    targets = [measures for measures in measured if measures is not None]  # Test holds the task.
-
-    def of(split: str) -> Iterator[tuple[Structure, int]]:
-        picked = ((1, each) for each in select(config, split, train, targets, taken))
-        return ((each, UNFIT) for each in tracked(picked, split, config.labyrinths))
-
-    return {split: pack(config, of(split)) for split in selected_shifts(config)}
-
-
-def _routes(config: DatasetConfig, labyrinth: Labyrinth) -> Iterator[list[int]]:
-    """Yield the cells of each route that train demonstrates in a labyrinth."""
-    for episode in Drawing(config).episodes("train", labyrinth):
-        yield [state.agent for state in episode.states]
-
-
-class Taken:
-    """The structures that shifts may not select: those that a split has, or that are near them."""
-
-    def __init__(self, config: DatasetConfig, sampled: Mapping[str, Records]) -> None:
-        self._config = config
-        # Shifts never select from the buckets of the other splits.
-        self._ids: set[int] = set(sampled["test"]["id"].tolist())
-        self._near: Neighbourhood | None = None
-        if config.min_walls > 1:
-            size = config.height, config.width
-            self._near = Neighbourhood(*size, config.min_walls - 1, 3 * config.labyrinths)
-            for structure in chain.from_iterable(unpack(config, of) for of in sampled.values()):
-                self._near.add(structure)
-
-    def take(self, structure: Structure) -> bool:
-        """Take a structure for a shift; return whether it was free."""
-        if self._config.bucket_of(structure) != "test":
-            return False
-        if self._near is not None and self._near.is_near(structure):
-            return False
-        number = int(structure.structure_id, 16)
-        is_free = number not in self._ids
-        self._ids.add(number)
-        return is_free
-
-
-def select(
-    config: DatasetConfig, split: str, train: Train, targets: Sequence[Measures], taken: Taken
-) -> Iterator[Structure]:
-    """Yield the structures of a shift, one for each labyrinth of test.
-
-    Args:
-        config: The configuration of the dataset.
-        split: The shift.
-        train: The properties of train.
-        targets: The measures of each labyrinth of test.
-        taken: The structures that may not be selected; this is updated.
-
-    Raises:
-        ConfigError: The search finds too few structures.
-    """
-    shift = SELECTED_SHIFTS[split]
-    candidates = _candidates(config, split, train)
-    pool = list(islice(candidates, shift.pool))
-    for number, measures in enumerate(targets):
-        pool += islice(candidates, shift.renewed)
-        del pool[: -shift.pool]
-        chosen = _nearest(pool, _free(split, measures), taken)
-        if chosen is None:
-            pool.clear()
-            more = (each.structure for each in islice(candidates, shift.patience))
-            chosen = next(filter(taken.take, more), None)
-        if chosen is None:
-            raise ConfigError(
-                f"shifts: {number} of labyrinths={config.labyrinths} were found for {split} at "
-                f"{config.name}, and no other after a long search; ask for fewer labyrinths, or "
-                f"leave {split} out"
-            )
-        yield chosen
-
-
-def _nearest(pool: list[Candidate], target: tuple[int, ...], taken: Taken) -> Structure | None:
-    """Take the free candidate nearest to a target out of a pool; return None if none is free.
-
-    Nearer candidates that are not free leave the pool as well.
-    """
-
-    def apart(measures: tuple[int, ...]) -> int:
-        return sum(abs(a - b) for a, b in zip(measures, target, strict=True))
-
-    distances = {key: apart(key) for key in {each.measures for each in pool}}
-    nearest_first = sorted(range(len(pool)), key=lambda index: distances[pool[index].measures])
-    for tried, index in enumerate(nearest_first, start=1):
-        structure = pool[index].structure
-        if taken.take(structure):
-            for gone in sorted(nearest_first[:tried], reverse=True):
-                del pool[gone]
-            return structure
-    return None
-
-
-def _candidates(config: DatasetConfig, split: str, train: Train) -> Iterator[Candidate]:
-    """Yield structures with the property of a shift, until there seem to be no more."""
-    shift = SELECTED_SHIFTS[split]
-    seed = np.random.SeedSequence(config.seed, spawn_key=(SPLITS[split].number,))
-    without = 0
-    for structure in shift.draw(config, split, train, np.random.default_rng(seed)):
-        without += 1
-        if without > shift.patience:
-            return
-        measures = measures_of(config, split, structure)
-        labyrinth = partial(Drawing(config).labyrinth, split, structure)
-        if measures is not None and shift.problem(measures, labyrinth, train) is None:
-            without = 0
-            yield Candidate(_free(split, measures), structure)
-
-
-def _free(split: str, measures: Measures) -> tuple[int, ...]:
-    return tuple(getattr(measures, name) for name in SELECTED_SHIFTS[split].free)

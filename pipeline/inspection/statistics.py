@@ -331,14 +331,14 @@ def count_dataset(
     known = None if keep else _counted_last.get((config, data.manifest.shards))
     if known is not None:
         checked = zip(files, ordered_map(_check, files, workers), strict=True)
-        list(tracked(((file.shard.rows, file) for file, _ in checked), stage, rows))
+        list(tracked(checked, stage, rows, lambda pair: pair[0].shard.rows))
         return replace(known, data=data)
     splits: dict[str, SplitCounts] = {}
     keys: dict[str, list[Keys]] = {}
     count = partial(count_shard, (config.height, config.width))
     done = zip(files, ordered_map(count, files, workers), strict=True)
-    pairs = ((file.shard.rows, (file.shard.split, counted)) for file, counted in done)
-    for split, counted in tracked(pairs, stage, rows):
+    for file, counted in tracked(done, stage, rows, lambda pair: pair[0].shard.rows):
+        split = file.shard.split
         before = splits.get(split)
         splits[split] = counted.counts if before is None else before + counted.counts
         keys.setdefault(split, []).append(counted.keys)

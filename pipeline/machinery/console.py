@@ -126,11 +126,23 @@ def progress(*, vanishes: bool = False) -> Bars:
     )
 
 
-def tracked(items: Iterable[tuple[int, Item]], description: str, total: int) -> Iterator[Item]:
-    """Yield the items of pairs `(amount, item)` under a bar that fills as amounts reach a total."""
+def tracked(
+    items: Iterable[Item],
+    description: str,
+    total: int,
+    amount: Callable[[Item], int] = lambda _: 1,
+) -> Iterator[Item]:
+    """Yield items under a bar that fills as the amounts of finished ones reach a total.
+
+    Args:
+        items: The items.
+        description: What the bar says.
+        total: The amount of all items.
+        amount: Returns the amount of one item; by default, items are counted.
+    """
     with progress(vanishes=True) as bars:
         bar = bars.add_task(description, total=total)
         with bars.each_minute(bar):
-            for amount, item in items:
+            for item in items:
                 yield item
-                bars.advance(bar, amount)
+                bars.advance(bar, amount(item))

@@ -63,9 +63,9 @@ def _make(data: Dataset, folder: AnyPath, workers: int) -> str:
     needed = COMPANION.shards(manifest, manifest.config)
     files = {file.shard.path: file for file in data.files()}
     about = [files[shard.path] for shard in needed]
-    made = ((shard.rows, shard) for shard in ordered_map(partial(_write, folder), about, workers))
+    made = ordered_map(partial(_write, folder), about, workers)
     total = sum(shard.labyrinths for shard in needed)
-    shards = tuple(tracked(made, "questions", total=total))
+    shards = tuple(tracked(made, "questions", total, lambda shard: shard.rows))
     Manifest(manifest.config, Manifest.current_versions(), shards, format=manifest.format).write(
         folder
     )

@@ -318,7 +318,9 @@ class Repository:
         """
         added = [(path, plan.files[path]) for path in plan.add]
         # One by one, so that a run after an interruption does not send a file again.
-        additions = list(tracked(starmap(self._uploaded, added), "upload", total=plan.bytes))
+        uploaded = starmap(self._uploaded, added)
+        finished = tracked(uploaded, "upload", plan.bytes, lambda pair: pair[0])
+        additions = [addition for _, addition in finished]
         deletions = [CommitOperationDelete(path, is_folder=False) for path in plan.delete]
 
         def committed() -> str:

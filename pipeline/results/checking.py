@@ -281,12 +281,9 @@ class Checks:
             self._skip(f"{results.config} is not available")
             return
         try:
-            policy, why = self._opened(results)
+            policy = self._opened(results)
         except (DatasetError, PolicyNameError) as error:
             self._skip(str(error))
-            return
-        if policy is None:
-            self._skip(why)
             return
         say(f"Replaying {path}")
         try:
@@ -298,22 +295,22 @@ class Checks:
                 close()
         self._replayed.add(results)
 
-    def _opened(self, results: Results) -> tuple[Any, str]:
-        """Return the policy that results name; or None, and why it is not opened."""
+    def _opened(self, results: Results) -> Any:
+        """Return the policy that results name; a DatasetError or PolicyNameError says why not."""
         run, policy = results.run, results.policy
         if run is not None:
             folder = self.run_dir / run.config / run.name
             if not folder.is_dir():
-                return None, f"runs are not in {self.run_dir}"
+                raise DatasetError(f"runs are not in {self.run_dir}")
             if run.method not in TrainingOptions.METHODS:
-                return None, "methods in Python are not executed"
-            return open_policy(folder), ""
+                raise DatasetError("methods in Python are not executed")
+            return open_policy(folder)
         if policy is not None:
-            return open_policy(policy.source, revision=policy.commit, code=False), ""
+            return open_policy(policy.source, revision=policy.commit, code=False)
         name = results.about.name
         if "/" in name or Path(name).expanduser().exists():  # The name says which policy it is.
-            return open_policy(name, code=False), ""
-        return None, "they name no files of a policy"
+            return open_policy(name, code=False)
+        raise DatasetError("they name no files of a policy")
 
     def _skip(self, reason: str) -> None:
         self.skipped[reason] = self.skipped.get(reason, 0) + 1

@@ -47,11 +47,6 @@ _DECIMALS = 2
 CONTROLS = 200
 """The number of control training sets with which the judge asks whether a policy remembers."""
 
-REPEATABLE = (
-    "a season judges only policies that do not draw at random and remember nothing between two "
-    "batches"
-)
-
 Row = dict[str, Any]
 """The published entry of a judged submission, with the fields of `_Row`."""
 
@@ -123,15 +118,17 @@ def run(job: Job[SeasonStageOptions]) -> None:
                     f"{named} was judged before, with other results or another "
                     f"season.learnt_from: see {layout.judged}"
                 )
-            overwrite = job.options.overwrite
-            _keep(layout, rows.index(row) + 1, submission, content, overwrite=overwrite)
+            number = rows.index(row) + 1
+            _keep(layout, number, submission, content, overwrite=job.options.overwrite)
             publish(layout, season, rows)
     again = "" if before is None else " again, with the same bytes"
     say(f"{named} is judged{again}: {shown(row['figures']['test'])}, in {layout.judged}")
     if results.memorised:  # Its copies name labyrinths of the test.
         say(str(replace(results.memorised, copies=())))
     if len(rows) > 1:
-        chance = by_chance(len(rows), season.labyrinths["test"])
+        # A share of n labyrinths is sub-Gaussian with variance 1 / 4n. The expected maximum of k of
+        # them is at most this (Boucheron, Lugosi and Massart 2013, theorem 2.5).
+        chance = sqrt(log(len(rows)) / (2 * season.labyrinths["test"]))
         say(f"As the best of {len(rows)} is chosen, its figures may be {chance:.3f} too high.")
 
 
@@ -145,15 +142,6 @@ def check_name(named: object) -> None:
 def shown(figures: Mapping[str, float]) -> str:
     """Return the figures on a split as they are printed."""
     return f"SPL {figures['spl']:.2f}, SR {figures['sr']:.2f}"
-
-
-def by_chance(submissions: int, labyrinths: int) -> float:
-    """Return a bound on the expected overestimate of the best of several equal submissions.
-
-    A share of n labyrinths is sub-Gaussian with variance 1 / 4n, and the expected maximum of k of
-    them is at most sqrt(ln k / 2n) (Boucheron, Lugosi and Massart 2013, theorem 2.5).
-    """
-    return sqrt(log(submissions) / (2 * labyrinths))
 
 
 def judged(
@@ -186,8 +174,9 @@ def judged(
     asked = Evaluation.of(submission.policy, data)
     results = asked.results(
         ["test", *data.manifest.config.shifts],
-        advice=REPEATABLE,
-        follow=lambda each: tracked(((1, split) for split in each), "judge", len(each)),
+        advice="a season judges only policies that do not draw at random and remember nothing "
+        "between two batches",
+        follow=lambda each: tracked(each, "judge", len(each)),
     )
     results = results.signed(
         season=season.name,
@@ -256,20 +245,15 @@ def settled(layout: Layout, season: Season) -> list[Row]:
     rows = read_rows(layout, season)
     numbers = {int(path.stem) for path in layout.private.glob("*.json") if path.stem.isdecimal()}
     for number in range(1, max(numbers | {len(rows)}) + 1):
-        kept = layout.private / f"{number}.json"
-        kept_row = _kept_row(kept, season) if number in numbers else None
-        if kept_row is None or rows[number - 1 : number] not in ([], [kept_row]):
+        kept, row = layout.private / f"{number}.json", None
+        results = Results.load(kept) if number in numbers else None
+        if results and results.judged and results.judged.secret_sha256 == season.secret_sha256:
+            row = _row(results, kept.read_bytes())
+        if row is None or rows[number - 1 : number] not in ([], [row]):
             raise DatasetError(f"{kept} does not hold the results that {layout.judged} names")
         if number > len(rows):
-            rows.append(kept_row)
+            rows.append(row)
     return rows
-
-
-def _kept_row(path: Path, season: Season) -> Row | None:
-    """Return the entry of private results; None if they are of another season."""
-    results = Results.load(path)
-    of_season = results.judged is not None and results.judged.secret_sha256 == season.secret_sha256
-    return _row(results, path.read_bytes()) if of_season else None
 
 
 def _keep(

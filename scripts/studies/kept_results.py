@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -62,14 +62,6 @@ def by_method(runs: Sequence[Run]) -> dict[str, list[Run]]:
 def solved_in(group: Sequence[Run], name: str) -> NDArray[np.float64]:
     """Return 1 for each solved labyrinth of a set, else 0, shape (seeds, labyrinths)."""
     return np.stack([each["solved"][name] for each in group])
-
-
-def grouped(runs: Iterable[Run], *names: str) -> dict[tuple[Any, ...], list[Run]]:
-    """Group runs by their values of `names`, in ascending order."""
-    groups: dict[tuple[Any, ...], list[Run]] = {}
-    for each in runs:
-        groups.setdefault(tuple(each[name] for name in names), []).append(each)
-    return dict(sorted(groups.items()))
 
 
 def percent(mean: float, low: float, high: float) -> str:

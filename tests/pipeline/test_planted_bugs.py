@@ -8,8 +8,7 @@ from contextlib import chdir
 from pathlib import Path
 
 import pytest
-from support.composing import composed
-from support.making import Run, perform
+from support.making import Run, composed, perform
 from support.policies import RELEASED
 
 from pipeline.command.stages import STAGES
@@ -55,7 +54,7 @@ PLANTS = {
     ],
     "results": [((), "labyrinth_core.typed:read_as")],
     "certify": [
-        (("certify.source=data",), "pipeline.certify.labyrinths:parse"),
+        (("certify.source=data",), "pipeline.certify.stage:parse"),
         (
             (
                 "certify.source=gymnasium:CartPole-v1",

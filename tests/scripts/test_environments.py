@@ -10,9 +10,9 @@ from typing import Any
 import compare_environments as environments
 import pytest
 from environments.summaries import Summary
+from support.making import run_of
 
 from labyrinth_core.world import LabyrinthError
-from pipeline.command.composed import DatasetOptions, dataset_config
 
 pytestmark = pytest.mark.slow
 
@@ -21,7 +21,7 @@ REPORT = {"environments.json", "environments.csv", "environments.md", "visits.pn
 
 def compare(folder: Path, *names: str, seeds: int = 8, workers: int = 1, **options: Any) -> None:
     """Compare environments with few episodes at a time."""
-    dataset = dataset_config(DatasetOptions(**{"size": "3"} | options))
+    dataset = run_of(folder, **{"labyrinths": None} | options).dataset
     environments.compare(
         folder, list(names), dataset, seeds=seeds, workers=workers, chunk=4, pilots=4
     )

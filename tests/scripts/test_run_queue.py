@@ -8,11 +8,12 @@ from pathlib import Path
 
 import pytest
 import run_queue as queue
-from support.composing import composed
+from support.making import composed
 
 from pipeline.training.identity import find
 
 
+@pytest.mark.slow  # Hydra composes some sixty command lines.
 def test_each_run_leaves_its_results_where_the_queue_looks_for_them() -> None:
     # The seeds of a method differ in their number alone.
     one_of_each = {each.kept.rpartition("-seed")[0]: each for each in queue.planned()}

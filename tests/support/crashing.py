@@ -1,17 +1,26 @@
-"""Processes that end before one of their changes of files: by an exception, or killed."""
+"""Processes that end before one of their changes of files, or at a moment of a build.
+
+Also folders that cannot be renamed: in a lower layer of a container, or mount points.
+"""
 
 from __future__ import annotations
 
+import errno
 import os
 import shutil
 import signal
 import sys
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import pytest
+
+from labyrinth_core.data import Shard
+from labyrinth_core.folders import LocalFolder
+from pipeline.generation import build
 
 
 class CrashError(BaseException):
@@ -77,3 +86,61 @@ def killed_before(change: int, place: Path, act: Callable[[], object]) -> bool:
     _, status = os.waitpid(process, 0)
     assert status in (0, signal.SIGKILL)
     return status != 0
+
+
+@contextmanager
+def before_each_shard(act: Callable[[], None]) -> Iterator[None]:
+    """Let something happen before each shard is made."""
+    make_shard = build.make_shard
+
+    def make(job: build.ShardJob) -> Shard:
+        act()
+        return make_shard(job)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(build, "make_shard", make)
+        yield
+
+
+@contextmanager
+def crash(moment: str) -> Iterator[None]:
+    """End a build before or after the move into place, or while a file of this name is written."""
+    move, replace = LocalFolder.complete, Path.replace
+
+    def crashing_move(place: LocalFolder, shards: Path) -> None:
+        if moment == "after the move":
+            move(place, shards)
+        raise CrashError
+
+    def crashing_replace(file: Path, target: Path) -> Path:
+        if target.name == moment:
+            raise CrashError
+        return replace(file, target)
+
+    with pytest.MonkeyPatch.context() as patch:
+        if moment.endswith("the move"):
+            patch.setattr(LocalFolder, "complete", crashing_move)
+        else:
+            patch.setattr(Path, "replace", crashing_replace)
+            patch.setattr(Path, "unlink", lambda *_, **__: None)  # No time to tidy up.
+        with pytest.raises(CrashError):
+            yield
+
+
+ERRORS = (errno.EXDEV, errno.EBUSY)
+"""What the system answers: the first in a lower layer, the second of a mount point."""
+
+
+@contextmanager
+def no_folder_is_renamed(error: int) -> Iterator[None]:
+    """Let every renaming of a folder fail with an error of the system."""
+    replace = Path.replace
+
+    def failing(path: Path, target: Path) -> Path:
+        if path.is_dir():
+            raise OSError(error, os.strerror(error), str(path))
+        return replace(path, target)
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Path, "replace", failing)
+        yield

@@ -10,7 +10,6 @@ from labyrinth_core import load_episodes
 from labyrinth_core.data import LoadedEpisode
 from pipeline.config import ExportOptions
 from pipeline.export import stage
-from pipeline.export.split import Split
 from support.making import Run, RunConfig, resolve
 
 SIZE = 40
@@ -23,7 +22,7 @@ def export(of: Run, folder: Path, format_: str, *splits: str, **options: Any) ->
     return folder / format_ / "labyrinth" / of.dataset.name
 
 
-def split_of(of: Run, name: str) -> Split:
+def split_of(of: Run, name: str) -> stage.Split:
     """Return a split of a dataset as formats are given it."""
     (split,) = stage.splits_of(_run(of, Path(), "lerobot", (name,), {}))
     return split

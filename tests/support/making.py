@@ -1,4 +1,4 @@
-"""How the tests make runs and small datasets."""
+"""How the tests make runs and small datasets, and what a command line asks for."""
 
 from __future__ import annotations
 
@@ -8,9 +8,15 @@ from importlib import import_module
 from pathlib import Path
 from typing import Any, get_type_hints
 
+from hydra import compose, initialize_config_dir
+
 from labyrinth_core.data import Drawing
 from labyrinth_core.evaluation import RunName
-from pipeline.command import composed
+from pipeline.command.command_line import HYDRA, as_given, parsed, register
+from pipeline.command.composed import ALL, CONF, options_of, part_of
+from pipeline.command.composed import DemonstrationsConfig as DemonstrationsConfig
+from pipeline.command.composed import SplitsConfig as SplitsConfig
+from pipeline.command.composed import resolve as jobs_of
 from pipeline.command.stages import STAGES
 from pipeline.config import Job
 from pipeline.generation import build
@@ -33,15 +39,15 @@ def _derived(options: Any, name: str) -> Any:
     """Return what a stage's class of options has beside the options."""
     for stage in STAGES.values():
         if hasattr(stage.options, name):
-            return getattr(composed.part_of(options, stage.options), name)
+            return getattr(part_of(options, stage.options), name)
     raise AttributeError(name)
 
 
-_KINDS = get_type_hints(composed.ALL)
+_KINDS = get_type_hints(ALL)
 
 RunConfig = make_dataclass(
     "RunConfig",
-    [(each.name, _KINDS[each.name], copy(each)) for each in fields(composed.ALL)],
+    [(each.name, _KINDS[each.name], copy(each)) for each in fields(ALL)],
     frozen=True,
     namespace={"__getattr__": _derived},
 )
@@ -50,7 +56,7 @@ RunConfig = make_dataclass(
 
 def resolve(options: Any) -> Run:
     """Check options as a command line's are, and return a job with all of them."""
-    jobs = composed.resolve(options)
+    jobs = jobs_of(options)
     first = next(iter(jobs.values()))
     return Run(**vars(first) | {"options": replace(options, stages=tuple(jobs))})
 
@@ -89,3 +95,12 @@ def make_both(data_dir: Path) -> Path:
     make(data_dir, "3x3", labyrinths=7, random_steps=25)
     make(data_dir, "3x4", "key_and_door", labyrinths=3, random_steps=25, solutions="all")
     return data_dir
+
+
+def composed(*arguments: str) -> Run:
+    """Return the run that a command line asks for."""
+    register()
+    given = parsed(arguments).overrides
+    with initialize_config_dir(str(CONF), **HYDRA):
+        options = options_of(as_given(compose("config", given), given), given)
+    return resolve(RunConfig(**vars(options)))

@@ -105,7 +105,8 @@ def serve(address: str, launcher: str) -> None:
     import_module("pipeline.command.launch")
     stages = import_module("pipeline.command.stages").STAGES
     for name in OURS:
-        import_module(stages[name].module)
+        with suppress(ModuleNotFoundError):  # Without PyTorch.
+            import_module(stages[name].module)
     sys.path.remove(root)
     assert "huggingface_hub" not in sys.modules
     sys.executable = launcher

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.wall_grids import BARE, GRID, LABYRINTH, changed
+from support.known_labyrinths import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.command.__main__ import main
 from labyrinth_core.language import Collection, dump, load

@@ -8,6 +8,7 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
+from support.making import DemonstrationsConfig
 from support.tampering import put_shards
 
 from labyrinth_core import load_episodes, load_transitions, stream_episodes
@@ -15,7 +16,6 @@ from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.language import describe, labyrinth_id, parse
 from labyrinth_core.pictures import ObservationSpec, Painter
 from labyrinth_core.world import Solver
-from pipeline.command.composed import DemonstrationsConfig
 
 BUILDS = {
     "navigation": {"size": "3x5", "shifts": ["recoloured", "thin_walls"]},

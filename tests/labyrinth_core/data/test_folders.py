@@ -6,8 +6,7 @@ from contextlib import nullcontext
 from pathlib import Path
 
 import pytest
-from support.crashing import Crash, CrashError
-from support.renaming import ERRORS, no_folder_is_renamed
+from support.crashing import ERRORS, Crash, CrashError, no_folder_is_renamed
 from support.tampering import content_of
 
 from labyrinth_core import folders

@@ -300,7 +300,7 @@ def test_an_unknown_config_on_the_hub_is_told_which_there_are(tmp_path, monkeypa
 @pytest.mark.parametrize(
     ("options", "message"),
     [
-        ({"observation": "picture"}, "observation=picture: choose one of image, vector, text"),
+        ({"observation": "picture"}, "observation=picture: choose one of image, vector.*"),
         *(
             ({"image_size": size}, f"image_size={size!r}: give a whole number from .*")
             for size in (0, 1.5, "64", 601)

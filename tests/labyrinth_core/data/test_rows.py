@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import gc
-from collections.abc import Iterator
 from pathlib import Path
 
 import pyarrow as pa
@@ -11,8 +10,8 @@ import pyarrow.parquet as pq
 import pytest
 from support.making import Run
 
+from labyrinth_core import load_episodes
 from labyrinth_core.data import COLUMNS
-from labyrinth_core.data.manifest import readable
 from pipeline.generation.table import read_schema
 
 
@@ -39,13 +38,9 @@ def _metadata_in_memory() -> int:
 
 
 def test_a_reader_that_is_closed_where_python_ends_says_nothing(
-    monkeypatch: pytest.MonkeyPatch,
+    small_dataset: Run, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    def reading() -> Iterator[int]:
-        with readable("shard"):
-            yield 1
-
-    rows = reading()
+    rows = load_episodes(small_dataset.data_dir, small_dataset.folder.name)
     next(rows)
     monkeypatch.setattr(pa, "ArrowException", None)  # As Python leaves it then.
     rows.close()

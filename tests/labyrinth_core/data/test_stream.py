@@ -238,6 +238,7 @@ def test_a_stream_may_be_used_like_a_generator(folders):
     assert list(islice(iter(lambda: next(stream, None), None), 1)) == []
 
 
+@pytest.mark.slow  # A process of its own, which imports torch late.
 def test_a_data_loader_over_a_stream_made_before_torch_was_imported_says_what_to_do(folders):
     program = f"""
 from labyrinth_core import stream_episodes
@@ -430,7 +431,7 @@ def test_a_stream_that_is_dropped_midway_closes_its_file_at_once(folders, begin)
     gc.disable()
     try:
         before = count()
-        for options in 20 * [VECTOR, {"image_size": 8}]:
+        for options in 5 * [VECTOR, {"image_size": 8}]:
             next(begin(stream_transitions(folders[7], CONFIG, shuffle=30, **options)))
         assert count() <= before
     finally:

@@ -269,7 +269,7 @@ def test_an_impossible_option_is_refused_with_what_is_allowed(options, message):
         ({"size": 1}, "size=1: give a whole number from 2 to 1,000"),
         ({"size": (2, 3, 4)}, "size=2x3x4: give"),
         ({"task": "sand"}, "task=sand: choose one of navigation"),
-        ({"observation": "sound"}, "observation=sound: choose one of image, vector, state"),
+        ({"observation": "sound"}, "observation=sound: choose one of image, vector.*, state"),
         ({"image_size": 0}, "image_size=0: give a whole number from 1 to 600"),
         ({"reward": "much"}, "reward=much: choose one of default, normalised"),
         ({"render_mode": "smell"}, "render_mode=smell: choose one of rgb_array, human, ansi"),

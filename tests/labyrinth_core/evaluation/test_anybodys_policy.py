@@ -18,8 +18,6 @@ from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.env import LabyrinthEnv
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Player, Results, playing
-from labyrinth_core.evaluation.baselines import BASELINES, REFERENCES, random_figures
-from labyrinth_core.evaluation.replanner import REPLANNERS
 from labyrinth_core.evaluation.scores import Episodes, Scores
 from labyrinth_core.pictures import Looks
 from labyrinth_core.world import Task
@@ -159,9 +157,9 @@ def test_the_pictures_of_states_are_held_only_for_policies_that_are_stepped(data
 
 
 @pytest.mark.slow
-def test_a_policy_that_draws_at_random_comes_to_its_expectation(datasets, arrays_of):
+def test_a_policy_that_draws_at_random_comes_to_its_expectation(datasets):
     results = evaluate(chance, datasets, "3x4", image_size=8, splits=["train"], episodes=300)
-    scores, exact = results.splits["train"], random_figures(arrays_of["3x4", "train"])
+    scores, exact = results.splits["train"], results.baselines["random"]["train"]
     assert scores.episodes.outcomes.shape == (300, 5)
     assert scores.sr == pytest.approx(exact["sr"], abs=0.02)
     assert scores.aer == pytest.approx(exact["aer"], abs=0.1)
@@ -537,7 +535,7 @@ def test_tables_fit_a_terminal_and_cut_no_name_and_the_legend_is_printed_once(
     results = evaluate(chance, datasets, CONFIGS[Task.PARTIAL_OBSERVABILITY], splits=["test"])
     scores = failing(results.splits["test"])
     figures = dict.fromkeys(("spl", "sr"), 1.0)
-    names = [*BASELINES, *REFERENCES, *REPLANNERS] if blind else [*results.baselines]
+    names = [*Results.WITHOUT_LEARNING] if blind else [*results.baselines]
     wide = replace(
         results,
         splits=dict.fromkeys(splits, scores),

@@ -12,7 +12,7 @@ from support.strategies import connected_structures
 
 from labyrinth_core import evaluate, load_arrays
 from labyrinth_core.evaluation import Description, Player, PolicyError
-from labyrinth_core.evaluation.replanner import REPLANNERS, Replanner
+from labyrinth_core.evaluation.replanner import Replanner
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Labyrinth, State, Structure, Task
 
@@ -71,7 +71,7 @@ def test_it_stands_beside_the_results_under_partial_observability_alone(datasets
     content = results.to_json(Description("up"))
     hidden = task is Task.PARTIAL_OBSERVABILITY
     always = ["route_memory", "local_walls", "random", "oracle"]
-    assert list(content["baselines"]) == always + [*REPLANNERS] * hidden
+    assert list(content["baselines"]) == always + ["replanner", "without memory"] * hidden
     assert ("replanner" in str(results)) == hidden
     if hidden:
         replanner = evaluate(Replanner(3, 4), datasets, config)

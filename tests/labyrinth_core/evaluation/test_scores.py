@@ -10,10 +10,9 @@ from support.labyrinths_of_datasets import CONFIGS
 from support.policies import Table, mistaken
 
 from labyrinth_core import load_arrays
-from labyrinth_core.evaluation import Player, baselines
-from labyrinth_core.evaluation.baselines import TrainMemory, _before, random_figures
-from labyrinth_core.evaluation.playing import follow, follow_route
+from labyrinth_core.evaluation import KnownDataset, Player, baselines
 from labyrinth_core.evaluation.scores import Episodes, Scores
+from labyrinth_core.world import RULES
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
@@ -21,13 +20,14 @@ from labyrinth_core.evaluation.scores import Episodes, Scores
 def test_a_success_rate_asks_the_policy_only_where_its_episodes_go(datasets, config, share):
     arrays = load_arrays(datasets, config, "train", image_size=12)
     actions, asked = mistaken(arrays, share), 0
+    expected = Player.of(Table(arrays, actions)).score(arrays).sr
 
     def policy(observations):
         nonlocal asked
         asked += len(observations)
         return Table(arrays, actions)(observations)
 
-    assert Player.of(policy).success_rate(arrays) == follow(arrays, actions).solved.mean()
+    assert Player.of(policy).success_rate(arrays) == expected
     visited = set()
     for state in arrays.initial.tolist():
         while not arrays.terminal[state] and state not in visited:
@@ -98,62 +98,64 @@ def test_long_ways_and_failures_count_less_weighted_by_path_length():
     assert {unasked[name] for name in ("sr_known_route", "sr_new_route", "known_route")} == {None}
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("config", CONFIGS.values())
-def test_the_random_policy_is_computed_as_it_would_be_simulated(datasets, config):
-    arrays = load_arrays(datasets, config, "train", image_size=8)
-    told = random_figures(arrays)
-    rng = np.random.default_rng(1)
-    episodes = 1500
-    state = np.tile(arrays.initial, episodes)
-    returns, moves = np.zeros(len(state)), np.zeros(len(state), np.int64)
-    for _ in range(arrays.step_limit):
-        action = rng.integers(4, size=len(state))
-        alive = ~arrays.terminal[state]
-        moves += alive
-        returns += arrays.rewards[state, action] * alive
-        state = arrays.next_state[state, action]
-    solved = arrays.goal[state]
-    assert told["sr"] == pytest.approx(solved.mean(), abs=0.02)
-    within = solved & (moves <= arrays.cells)
-    assert told["sr_within_cells"] == pytest.approx(within.mean(), abs=0.01)
-    shares = solved * np.tile(arrays.distance, episodes) / moves
-    assert told["spl"] == pytest.approx(shares.mean(), abs=0.005)
-    assert told["aer"] == pytest.approx(returns.mean(), abs=0.05 * returns.std())
-    assert told["aer_std"] == pytest.approx(returns.std(), rel=0.05)
+def baselines_of(datasets, config):
+    """Return the figures of all baselines on train."""
+    return KnownDataset.read(str(datasets), config).split("train").baselines
+
+
+def expected_of_random_steps(arrays):
+    """Return the figures of uniformly random actions: a step moves a quarter along each action."""
+    alive = np.bincount(arrays.initial, minlength=len(arrays.terminal)) / len(arrays.initial)
+    solved = within = spl = mean = square = 0
+    penalty, limit = RULES.step_penalty / arrays.cells, arrays.step_limit
+    for step in range(limit):
+        moving = np.repeat(alive / 4, 4).reshape(-1, 4)
+        ends = arrays.done & ~arrays.terminal[:, None]
+        ending, returns = moving[ends], arrays.rewards[ends] - step * penalty
+        distance = np.repeat(arrays.distance[arrays.labyrinth], 4).reshape(-1, 4)[ends]
+        goals = arrays.goal[arrays.next_state[ends]]
+        solved += ending[goals].sum()
+        within += ending[goals].sum() * (step < arrays.cells)
+        spl += ending[goals] @ distance[goals] / (step + 1)
+        mean, square = mean + ending @ returns, square + ending @ returns**2
+        onward = ~arrays.done
+        alive = np.bincount(arrays.next_state[onward], moving[onward], len(alive))
+    mean -= alive.sum() * limit * penalty
+    square += alive.sum() * (limit * penalty) ** 2
+    names = ("sr", "sr_within_cells", "spl", "aer", "aer_std")
+    return dict(zip(names, (solved, within, spl, mean, (square - mean**2) ** 0.5), strict=True))
 
 
 @pytest.mark.parametrize("config", CONFIGS.values())
-def test_the_random_policy_of_large_labyrinths_is_computed_without_taking_each_step(
-    datasets, config, monkeypatch
-):
+def test_the_random_policy_is_computed_with_each_step_and_without(datasets, config, monkeypatch):
     arrays = load_arrays(datasets, config, "train", observation="vector")
-    stepped = random_figures(arrays)
-    monkeypatch.setattr(baselines, "STEPPED_CELLS", 0)
-    assert random_figures(arrays) == pytest.approx(stepped, rel=1e-11)
-
-
-def test_probabilities_are_added_up_in_the_order_of_the_moves():
-    rng = np.random.default_rng(0)
-    sources, targets = rng.integers(50, size=(2, 300))
-    alive = rng.random(50)
-    total = np.zeros(50)
-    for row in _before(sources, targets, 50):
-        total += np.append(alive, 0.0)[row]
-    assert (total == np.bincount(targets, alive[sources], 50)).all()
+    stepped = baselines_of(datasets, config)["random"]
+    expected = expected_of_random_steps(arrays)
+    assert stepped == pytest.approx(expected, rel=1e-7)
+    assert stepped["sr"] == expected["sr"]  # To the last bit.
+    monkeypatch.setattr(baselines, "STEPPED_CELLS", 0)  # As in large labyrinths.
+    assert baselines_of(datasets, config)["random"] == pytest.approx(stepped, rel=1e-11)
 
 
 def test_the_other_baselines_are_what_they_say(datasets):
-    arrays = load_arrays(datasets, "3x4", "train", image_size=8)
-    memory = TrainMemory.of(arrays)
-    _, figures = memory.figures(arrays, blind=True)
-    assert (figures["oracle"]["sr"], figures["oracle"]["spl"]) == (1, 1)
-    solved = follow_route(arrays, memory.best_route).solved.sum()
-    assert solved >= 1
-    assert all(follow_route(arrays, route).solved.sum() <= solved for route in arrays.routes)
-    assert figures["fixed_path"]["sr"] == pytest.approx(solved / 5)
-    counts = np.zeros((12, 4))
+    arrays, found = (
+        load_arrays(datasets, "3x4", "train", image_size=8),
+        baselines_of(datasets, "3x4"),
+    )
+    assert (found["oracle"]["sr"], found["oracle"]["spl"]) == (1, 1)
+
+    def solved_by(route):
+        state = arrays.initial
+        for action in route.tolist():
+            state = arrays.next_state[state, action]
+        return arrays.goal[state].sum()
+
+    most = max(map(solved_by, arrays.routes))
+    assert most >= 1
+    assert found["fixed_path"]["sr"] == pytest.approx(most / 5)
+    counts = np.zeros((12, 4), np.int64)
     for state, row in enumerate(arrays.demonstrated):
         counts[arrays.position[state]] += row
-    seen = counts.any(axis=1)
-    assert (memory.majority[seen] == counts.argmax(axis=1)[seen]).all()
+    counts[~counts.any(axis=1)] = counts.sum(axis=0)
+    majority = Player.of(Table(arrays, counts.argmax(axis=1)[arrays.position])).score(arrays)
+    assert found["majority"] == majority.summary()

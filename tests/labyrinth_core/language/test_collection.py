@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from support.wall_grids import BARE, GRID, LABYRINTH, changed, npy
+from support.known_labyrinths import BARE, GRID, LABYRINTH, changed, npy
 
 from labyrinth_core.language import dump
 from labyrinth_core.language.collection import read_collection

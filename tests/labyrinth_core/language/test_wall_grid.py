@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from support.known_labyrinths import GRID, LABYRINTH, changed
 from support.strategies import labyrinths, structures
-from support.wall_grids import GRID, LABYRINTH, changed
 
 from labyrinth_core.language.wall_grid import from_connections, from_grid, to_grid
 from labyrinth_core.world import Task

@@ -94,8 +94,9 @@ Other hashes mean other pixels. Then `just renew` writes them down; unless only 
 `pictures.observations.PICTURES_VERSION` has to be increased.
 """
 
+_STEP = 255 // len(fields(Style))
 COLOURFUL = Style(
-    *((20 * place, 255 - 20 * place, 7 * place) for place in range(1, len(fields(Style))))
+    *((_STEP * place, 255 - _STEP * place, 7 * place) for place in range(1, len(fields(Style))))
 )
 """A colour of its own for everything."""
 

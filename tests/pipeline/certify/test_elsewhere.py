@@ -12,12 +12,12 @@ import pytest
 from support.making import Run
 
 from labyrinth_core.errors import DatasetError
-from pipeline.certify.labyrinths import read_elsewhere
+from pipeline.certify.stage import read_elsewhere
 
 READ = """
 import sys
 from labyrinth_core.errors import DatasetError
-from pipeline.certify.labyrinths import read_elsewhere
+from pipeline.certify.stage import read_elsewhere
 try:
     read_elsewhere(sys.argv[1], "3x3")
 except DatasetError as error:

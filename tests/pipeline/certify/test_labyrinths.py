@@ -13,10 +13,10 @@ import pyarrow as pa
 import pyarrow.parquet as pq
 import pytest
 from support.commands import refused
+from support.known_labyrinths import BARE, GRID, LABYRINTH, changed
 from support.making import perform
 from support.planting import labyrinths, transposed
 from support.tampering import folder_behind_link
-from support.wall_grids import BARE, GRID, LABYRINTH, changed
 
 from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.errors import DatasetError

@@ -15,10 +15,9 @@ from hydra.errors import HydraException
 from hypothesis import example, given
 from hypothesis import strategies as st
 from support.commands import refused as refused_command
-from support.composing import composed
-from support.making import RunConfig
+from support.making import RunConfig, composed
 
-from pipeline.command.command_line import arranged, parsed, quote_texts, refusal
+from pipeline.command import command_line
 from pipeline.command.composed import DEFAULTS, KINDS
 from pipeline.command.stages import STAGES
 from pipeline.config import ConfigError
@@ -36,7 +35,7 @@ ASKED = {
 def typed(argument: str) -> list[str]:
     """Return the values of a command line's argument as OmegaConf writes down a text."""
     parser = OverridesParser.create()
-    override = parser.parse_override(quote_texts(argument))
+    override = parser.parse_override(command_line.quote_texts(argument))
     if override.is_sweep_override():
         one_by_one = (f"x={value}" for value in override.sweep_string_iterator())
         return [str(parser.parse_override(each).value()) for each in one_by_one]
@@ -86,7 +85,7 @@ def test_texts_are_what_was_typed_in_groups_lists_and_sweeps() -> None:
     ],
 )
 def test_what_hydra_reads_as_it_is_typed_stays_as_it_is(argument: str) -> None:
-    assert quote_texts(argument) == argument
+    assert command_line.quote_texts(argument) == argument
 
 
 @pytest.mark.parametrize(
@@ -122,7 +121,7 @@ def refused(argument: str) -> str:
     """Return the line that a command line with this argument ends in."""
     with pytest.raises((HydraException, ConfigError)) as caught:
         composed(argument)
-    return refusal(caught.value)
+    return command_line.refusal(caught.value)
 
 
 @pytest.mark.parametrize(
@@ -194,7 +193,7 @@ def test_a_group_and_a_method_are_no_list(argument: str) -> None:
 )
 def test_flags_may_stand_among_the_options(arguments: str) -> None:
     words = arguments.split()
-    found = arranged(words, parsed(words))
+    found = command_line.arranged(words, command_line.parsed(words))
     assert found[:2] == ["size=3", "labyrinths=4"]
     assert sorted(found) == sorted(words)
 

@@ -8,12 +8,12 @@ import shutil
 import numpy as np
 import pytest
 from support.making import perform
+from support.remembering import known_routes
 
-from labyrinth_core import Dataset, PolicyError, evaluate, load_arrays, load_policy
+from labyrinth_core import Dataset, PolicyError, evaluate, load_arrays, load_episodes, load_policy
 from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import KnownDataset, Player, Results
-from labyrinth_core.evaluation.baselines import TrainMemory
 from pipeline.config import ConfigError
 from pipeline.training import train
 
@@ -272,9 +272,9 @@ def test_in_more_labyrinths_the_references_know_what_the_policy_learnt_from(
         return json.loads((trained.training_folder / name).read_bytes())
 
     found = evaluated(trained.data_dir)
-    memory = TrainMemory.of(load_arrays(trained.data_dir, "3x3", "train"))
-    known, _ = memory.figures(load_arrays(longer.data_dir, "3x3", "test"))
-    assert found["splits"]["test"]["known_route"] == "".join(map(str, known.astype(int)))
+    train = load_episodes(trained.data_dir, "3x3", split="train", observation="vector")
+    known = known_routes(train, load_arrays(longer.data_dir, "3x3", "test").labyrinths)
+    assert found["splits"]["test"]["known_route"] == "".join(str(int(each)) for each in known)
     assert found["run"]["references_know"] == found["run"]["fingerprint"]
     gone = evaluated(tmp_path / "gone")
     assert gone["run"]["references_know"] is None

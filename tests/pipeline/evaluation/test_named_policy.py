@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from PIL import Image
 from support.commands import RUN, ended
-from support.making import RunConfig, make, perform
+from support.making import RunConfig, SplitsConfig, make, perform
 from support.policies import RELEASED, lay_out_run
 from support.publishing import REPO, environment, local_hub, published
 from support.quick_python import python
@@ -22,7 +22,6 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import Description, Results
 from labyrinth_core.learning import NetworkSpec, PolicySpec
 from labyrinth_core.storage import File
-from pipeline.command.composed import SplitsConfig
 from pipeline.config import ConfigError
 
 __all__ = ["local_hub"]

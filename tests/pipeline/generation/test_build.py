@@ -17,7 +17,7 @@ from datasets import ClassLabel, Features, Value, load_dataset
 from datasets import Image as ImageFeature
 from PIL import Image
 from support.brute_force import simple_routes, world_of
-from support.interrupting import CrashError, before_each_shard
+from support.crashing import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import Rows, content_of, cut_short, episode_starts, identities, read_rows
 

@@ -12,15 +12,15 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from joblib.externals.loky import get_reusable_executor
-from support.interrupting import CrashError, before_each_shard
+from support.crashing import CrashError, before_each_shard
 from support.making import Run
 from support.tampering import content_of, cut_short
 
 from labyrinth_core.data import SPLITS, Dataset, DatasetConfig, Drawing, Manifest
 from labyrinth_core.world import Structure
-from pipeline.generation.candidates import UNFIT, Candidates, Records, pack, unpack
 from pipeline.generation.check import validate
-from pipeline.generation.structures import sample
+from pipeline.generation.labyrinths import UNFIT, Records, pack, unpack
+from pipeline.generation.structures import Candidates, sample
 
 Build = Callable[..., Run]
 

@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.brute_force import Place, fewest_moves, is_connected
-from support.making import Run
-from support.read_from_text import Shown, shown
+from support.brute_force import Place, Shown, fewest_moves, is_connected, shown
+from support.making import DemonstrationsConfig, Run, SplitsConfig
 from support.tampering import problems, replace_first
 
 from labyrinth_core.data import SPLITS, Manifest
 from labyrinth_core.language import parse
 from labyrinth_core.world import Task
-from pipeline.command.composed import DemonstrationsConfig, SplitsConfig
 
 pytestmark = pytest.mark.slow
 

@@ -8,13 +8,12 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.interrupting import CrashError, before_each_shard
-from support.making import Run
+from support.crashing import CrashError, before_each_shard
+from support.making import Run, SplitsConfig
 from support.tampering import content_of, manifest_of
 
 from labyrinth_core.data import Manifest
 from labyrinth_core.errors import DatasetError
-from pipeline.command.composed import SplitsConfig
 
 Build = Callable[..., Run]
 

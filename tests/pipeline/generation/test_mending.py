@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.interrupting import before_each_shard
+from support.crashing import before_each_shard
 from support.making import Run, perform
 from support.tampering import (
     TRAIN,

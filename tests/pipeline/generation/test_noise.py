@@ -10,13 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pyarrow.parquet import read_table
-from support.making import Run
+from support.making import DemonstrationsConfig, Run
 from support.tampering import problems
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data import Dataset, Manifest
 from labyrinth_core.world import Labyrinth, Solver, State, Task
-from pipeline.command.composed import DemonstrationsConfig
 from pipeline.inspection import routes_of
 
 pytestmark = pytest.mark.slow

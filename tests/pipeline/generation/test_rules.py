@@ -10,8 +10,8 @@ import pytest
 from support.making import run_of
 
 from labyrinth_core.world import Action, Labyrinth, Structure, Task
+from pipeline.generation.check_rows import labyrinth_problems, route_problems
 from pipeline.generation.labyrinths import Solution
-from pipeline.generation.rules import labyrinth_problems, route_problems
 from pipeline.generation.shifts import Train
 
 RIGHT, LEFT, UP = Action.RIGHT, Action.LEFT, Action.UP

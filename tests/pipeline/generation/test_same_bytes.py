@@ -12,10 +12,10 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from support.making import Run
+from support.making import DemonstrationsConfig, Run
 
 from labyrinth_core.data import SPLITS, Manifest
-from pipeline.command.composed import DemonstrationsConfig
+from labyrinth_core.world import Task
 
 EXPECTED: dict[str, dict[str, str]] = json.loads(
     (Path(__file__).parents[2] / "data" / "fingerprints.json").read_text(encoding="utf-8")
@@ -24,11 +24,11 @@ EXPECTED: dict[str, dict[str, str]] = json.loads(
 
 CASES: Mapping[str, Mapping[str, Any]] = {
     "all shifts": {"size": "5", "shifts": ("all",)},
-    "partial_observability": {"task": "partial_observability"},
+    **{str(task): {"task": str(task)} for task in Task if task is not Task.NAVIGATION},
     "key_and_door": {"task": "key_and_door", "solutions": "all"},
     "icy_floor": {"task": "icy_floor", "size": "4x5"},
     "noise": {"demonstrations": DemonstrationsConfig(noise=0.3)},
-    "goals": {"goals": "varied"},
+    "goals": {"goals": "varied", "shifts": ("all",)},
     "prim": {"sampler": "prim", "open_walls": 0.4, "shifts": ("wilson",)},
 }
 """What differs from 4x4 with six labyrinths a split."""

@@ -10,15 +10,14 @@ from statistics import mean
 
 import numpy as np
 import pytest
-from support.brute_force import World, fewest_moves, is_connected, loops, walk
-from support.making import Run
-from support.read_from_text import Shown, shown
+from support.brute_force import Shown, World, fewest_moves, is_connected, loops, shown, walk
+from support.making import Run, run_of
 from support.tampering import problems, replace_first, rows_of, with_a_wall_opened
 
 from labyrinth_core import load_transitions
 from labyrinth_core.data import SPLITS, Dataset, Manifest
 from labyrinth_core.language import parse
-from labyrinth_core.world import Labyrinth, Look, Solver, Structure
+from labyrinth_core.world import Labyrinth, Look, Solver, Structure, Task
 from pipeline.config import ConfigError
 from pipeline.generation.labyrinths import toggled, walls
 from pipeline.generation.shifts import stretched
@@ -29,19 +28,20 @@ from pipeline.machinery import console
 Build = Callable[..., Run]
 
 OPTIONS = {"size": "5", "labyrinths": 20, "random_steps": 20}
-WITHOUT_LONGER = tuple(name for name in SPLITS.shifts if name not in ("longer", "wilson", "trees"))
-"""The search for `longer` takes long on tasks with tiles, and ice cannot lie in trees."""
 
-CASES: dict[str, tuple[str, ...]] = {
-    "partial_observability": ("all",),
-    "key_and_door": (*WITHOUT_LONGER, "trees"),
-    "icy_floor": WITHOUT_LONGER,
-}
+
+def shifts_of(task: Task) -> tuple[str, ...]:
+    """Return the shifts of a task but `longer`, whose search takes long on tasks with tiles."""
+    every = run_of(Path("nowhere"), **OPTIONS, task=str(task), shifts=("all",)).dataset.shifts
+    return tuple(each for each in every if each != "longer" or not task.rules.tiles)
 
 
 @pytest.fixture(
     scope="session",
-    params=["navigation", *(pytest.param(t, marks=pytest.mark.slow) for t in CASES)],
+    params=[
+        pytest.param(str(task), marks=pytest.mark.slow if task is not Task.NAVIGATION else ())
+        for task in Task
+    ],
 )
 def shifted(
     request: pytest.FixtureRequest, build: Build, tmp_path_factory: pytest.TempPathFactory
@@ -49,7 +49,7 @@ def shifted(
     if request.param == "navigation":
         return request.getfixturevalue("plain")
     folder = tmp_path_factory.mktemp(f"shifted-{request.param}")
-    return build(folder, **OPTIONS, task=request.param, shifts=CASES[request.param])
+    return build(folder, **OPTIONS, task=request.param, shifts=shifts_of(Task(request.param)))
 
 
 @pytest.fixture(scope="session")

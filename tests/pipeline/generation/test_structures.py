@@ -17,13 +17,12 @@ from support.brute_force import (
     is_connected,
     passages_of,
 )
-from support.making import Run
+from support.making import Run, SplitsConfig
 
 from labyrinth_core.data import SPLITS, DatasetConfig, Drawing
 from labyrinth_core.world import ALGORITHMS, BUCKETS, Structure
-from pipeline.command.composed import SplitsConfig
 from pipeline.config import ConfigError
-from pipeline.generation.candidates import unpack
+from pipeline.generation.labyrinths import unpack
 from pipeline.generation.structures import check_capacity, sample
 
 MakeRun = Callable[..., Run]

@@ -12,7 +12,7 @@ from typing import Any
 
 import filelock
 import pytest
-from support.interrupting import CrashError, before_each_shard, crash
+from support.crashing import CrashError, before_each_shard, crash
 from support.making import Run
 from support.tampering import content_of, identities
 

@@ -16,8 +16,7 @@ from pathlib import Path
 from uuid import uuid4
 
 import pytest
-from support.crashing import CrashError, killed_before
-from support.renaming import ERRORS, no_folder_is_renamed
+from support.crashing import ERRORS, CrashError, killed_before, no_folder_is_renamed
 from support.tampering import content_of
 
 from labyrinth_core.errors import DatasetError

@@ -12,9 +12,9 @@ from pipeline.machinery import console
 def test_a_bar_fills_by_the_amounts_of_finished_items(monkeypatch: pytest.MonkeyPatch) -> None:
     bars = console.Bars(disable=True)
     monkeypatch.setattr(console, "progress", lambda **_: bars)
-    items = [(4, "first"), (16, "second")]
-    shown = [(item, bars.tasks[0].completed) for item in console.tracked(items, "count", 20)]
-    assert shown == [("first", 0), ("second", 4)]
+    items = ["a" * 4, "b" * 16]
+    found = console.tracked(items, "count", 20, len)
+    assert [(item, bars.tasks[0].completed) for item in found] == [(items[0], 0), (items[1], 4)]
     assert bars.tasks[0].completed == 20
 
 

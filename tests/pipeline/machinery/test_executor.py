@@ -145,13 +145,13 @@ def is_empty(group: int) -> bool:
 @pytest.mark.parametrize("name", ["SIGTERM", "SIGKILL"])
 def test_nothing_is_left_of_a_build_whose_first_process_is_ended(name: str, tmp_path: Path) -> None:
     number = getattr(signal, name)  # Windows has one of them.
-    options = [f"data_dir={tmp_path}", "size=4", "labyrinths=25000", "stages=[build]"]
+    options = [f"data_dir={tmp_path}", "size=20", "labyrinths=1000", "stages=[build]"]
     command = [sys.executable, "-m", "pipeline", *options, "workers=2"]
     root = Path(__file__).parents[3]
     with subprocess.Popen(command, cwd=root, start_new_session=True, text=True, stderr=PIPE) as run:
         try:
             for _ in range(6000):
-                if len(list(tmp_path.glob(".4x4.building/.*.parquet.*.tmp"))) == 2:
+                if len(list(tmp_path.glob(".20x20.building/.*.parquet.*.tmp"))) == 2:
                     break
                 time.sleep(0.01)
             os.kill(run.pid, number)

@@ -21,8 +21,16 @@ import yaml
 from huggingface_hub import DatasetCard, DatasetCardData
 from PIL import Image
 from support.commands import ended
-from support.composing import composed
-from support.making import RunConfig, make, make_both, perform, resolve
+from support.making import (
+    DemonstrationsConfig,
+    RunConfig,
+    SplitsConfig,
+    composed,
+    make,
+    make_both,
+    perform,
+    resolve,
+)
 from support.planting import DEFAULT, OTHER, labyrinths, plant
 from support.tampering import cut_short
 
@@ -32,7 +40,6 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.language import dump, parse
 from labyrinth_core.pictures import DEFAULT_STYLE
 from labyrinth_core.world import Look, Solver
-from pipeline.command.composed import DemonstrationsConfig, SplitsConfig
 from pipeline.inspection import DatasetStatistics, front_matter, statistics, statistics_of
 from pipeline.machinery import Sums
 from pipeline.release import card, texts

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 import torch
 from support.learning import equal_weights, learner_of
-from support.making import Run, perform
+from support.making import Run, SplitsConfig, perform
 
 from labyrinth_core import load_arrays
 from labyrinth_core.data import SPLITS, Dataset
@@ -21,7 +21,6 @@ from labyrinth_core.learning import Problem
 from labyrinth_core.learning.problem import FreshLabyrinths
 from labyrinth_core.pictures import ObservationSpec
 from labyrinth_core.world import Structure
-from pipeline.command.composed import SplitsConfig
 from pipeline.config import ConfigError
 from pipeline.training import train
 from pipeline.training.loop import PROTOCOLS, Progress, fit

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from support.learning import learner_of
-from support.making import Run
+from support.making import DemonstrationsConfig, Run
 
 from labyrinth_core import load_arrays
 from labyrinth_core.data import Dataset
@@ -19,7 +19,6 @@ from labyrinth_core.errors import DatasetError
 from labyrinth_core.evaluation import PolicyError
 from labyrinth_core.learning import NetworkSpec, Problem
 from labyrinth_core.world import Episode, Task
-from pipeline.command.composed import DemonstrationsConfig
 
 pytestmark = pytest.mark.slow
 

@@ -1,7 +1,4 @@
-"""Start and early exit of the program: signals are answered before libraries are imported.
-
-An early exit prints one line, is immediate, and stops workers.
-"""
+"""Start and early exit of the program: an exit prints one line, is immediate, and stops workers."""
 
 from __future__ import annotations
 
@@ -84,26 +81,3 @@ def answer_signals(answer: Callable[[int, FrameType | None], None]) -> None:
     for number in _WORDS:
         if signal.getsignal(number) is not signal.SIG_IGN:
             signal.signal(number, answer)
-
-
-def main() -> int:
-    """Run the command line and return the exit status, 1 after an error."""
-    answer_signals(end_interrupted)  # Imports take seconds, and may swallow exceptions.
-    try:
-        from labyrinth_core.errors import escape_output
-
-        escape_output()
-        show_start()
-        from pipeline.command.launch import run_command
-
-        status = run_command()
-        sys.stdout.flush()
-    except ModuleNotFoundError as error:
-        if error.name != "hydra":
-            raise
-        end(1, "error: hydra is not installed: `pip install .` in the clone installs all libraries")
-    except KeyboardInterrupt as interruption:
-        end_interrupted(*interruption.args)
-    except OSError as error:
-        end_without_output(error)
-    return status
