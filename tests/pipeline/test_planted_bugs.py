@@ -65,9 +65,9 @@ PLANTS = {
         ),
     ],
     "season": [((*SEASON, "season.name=b"), "pipeline.season.season:check_rows")],
-    "judge": [((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.season:Season._check")],
-    "reveal": [(SEASON, "pipeline.season.season:Season._check")],
-    "verify": [(SEASON, "pipeline.season.season:Season._check")],
+    "judge": [((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.season:check_rows")],
+    "reveal": [(SEASON, "pipeline.season.season:check_rows")],
+    "verify": [(SEASON, "pipeline.season.season:check_rows")],
 }
 """Stage -> options, and a function that it calls."""
 
