@@ -215,17 +215,21 @@ def certify(splits: Mapping[str, Keys]) -> Certificate:
             ids = splits[split].labyrinth[strange]
             strangers[split] = list(dict.fromkeys(map(_digits, ids)))
     own = [name for name in names if name not in strangers]
+    pairs = []
+    for first, second in combinations(own, 2):
+        if second not in SPLITS.shifts or first in SPLITS.sampled[:2]:
+            base, other = splits[first], splits[second]
+            ids = base.labyrinth, other.labyrinth
+            equal = _counterparts(ids[0], base.structure, ids[1], other.structure)
+            mirrored = _counterparts(ids[0], base.mirrored, ids[1], other.mirrored)
+            pairs.append(Pair(first, second, equal, equal | mirrored))
     return Certificate(
         labyrinths={split: len(np.unique(splits[split].labyrinth)) for split in names},
         repeated={
             split: len(splits[split].structure) - len(np.unique(splits[split].structure))
             for split in names
         },
-        pairs=tuple(
-            _compared(first, splits[first], second, splits[second])
-            for first, second in combinations(own, 2)
-            if second not in SPLITS.shifts or first in SPLITS.sampled[:2]
-        ),
+        pairs=tuple(pairs),
         strangers=strangers,
     )
 
@@ -234,12 +238,6 @@ def _parent(split: str) -> str:
     """Return the split whose structures a split reuses, or the split itself."""
     kind = SPLITS.get(split)
     return split if kind is None or kind.new_structure else kind.parent or split
-
-
-def _compared(first: str, base: Keys, second: str, other: Keys) -> Pair:
-    equal = _counterparts(base.labyrinth, base.structure, other.labyrinth, other.structure)
-    mirrored = _counterparts(base.labyrinth, base.mirrored, other.labyrinth, other.mirrored)
-    return Pair(first, second, equal, equal | mirrored)
 
 
 @dataclass(frozen=True)
@@ -327,20 +325,18 @@ class Leakage:
             yield "Leakage:"
             yield from problems
         else:
+            by_first: dict[str, list[str]] = {}
+            for each in self.pairs:
+                if each.symmetric:
+                    counts = by_first.setdefault(each.pair.first, [])
+                    counts.append(f"{len(each.symmetric):,} of {each.pair.second}")
+            turned = "; ".join(f"{' and '.join(of)} in {first}" for first, of in by_first.items())
             yield "Leakage: no structure is in two splits, and none is repeated."
-            yield f"Mirrored with start and goal kept: none.{self._turned()}"
+            yield "Mirrored with start and goal kept: none." + (
+                f"\nTurned: {turned}." if by_first else " Turned: none."
+            )
         if self.cut:
             yield f"{self.cut:,} labyrinths have too many optimal routes to compare all of them"
-
-    def _turned(self) -> str:
-        """Say how many structures of each split are rotated or reflected ones of another split."""
-        by_first: dict[str, list[str]] = {}
-        for each in self.pairs:
-            if each.symmetric:
-                counts = by_first.setdefault(each.pair.first, [])
-                counts.append(f"{len(each.symmetric):,} of {each.pair.second}")
-        told = "; ".join(f"{' and '.join(counts)} in {first}" for first, counts in by_first.items())
-        return f"\nTurned: {told}." if by_first else " Turned: none."
 
     def _shared(self, files: Mapping[str, Mapping[str, str]]) -> Iterator[str]:
         def named(split: str, number: str) -> str:
@@ -375,7 +371,18 @@ def find_leakage(
         for split, labyrinths in held.items()
         if split not in certificate.strangers
     }
-    pairs = [_closeness(pair, known[pair.first], known[pair.second]) for pair in certificate.pairs]
+    pairs = []
+    for pair in certificate.pairs:
+        base, other = known[pair.first], known[pair.second]
+        symmetric = _counterparts(base.numbers, base.symmetric, other.numbers, other.symmetric)
+        pairs.append(
+            Closeness(
+                pair,
+                symmetric=dict(pair.mirrored) | symmetric,
+                same_route=dict(_same_route(base, other)),
+                nearest=dict(_nearest(base, other)),
+            )
+        )
     return Leakage(certificate, pairs, sum(each.cut for each in known.values()))
 
 
@@ -412,16 +419,6 @@ def _optimal(labyrinth: Held) -> list[OptimalRoute]:
         return []
     beginning = labyrinth.structure.height, labyrinth.structure.width, labyrinth.start
     return [(*beginning, bytes(route)) for route in Solver(labyrinth).shortest_routes(ROUTES + 1)]
-
-
-def _closeness(pair: Pair, base: _Known, other: _Known) -> Closeness:
-    symmetric = _counterparts(base.numbers, base.symmetric, other.numbers, other.symmetric)
-    return Closeness(
-        pair,
-        symmetric=dict(pair.mirrored) | symmetric,
-        same_route=dict(_same_route(base, other)),
-        nearest=dict(_nearest(base, other)),
-    )
 
 
 def _same_route(base: _Known, other: _Known) -> Iterator[tuple[str, str]]:

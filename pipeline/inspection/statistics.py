@@ -42,44 +42,29 @@ class Route(NamedTuple):
     """The sum of the episode's rewards."""
 
 
-def routes(episodes: Iterable[tuple[str, Sequence[int], float]]) -> Iterator[Route]:
-    """Yield the routes of episodes.
-
-    Args:
-        episodes: The text, the actions and the return of each, grouped by labyrinth.
-
-    Raises:
-        DatasetError: A text does not describe a labyrinth, or an action is not one of the four.
-    """
-    before = None
-    for text, actions, returned in episodes:
-        is_first = text != before
-        if is_first:
-            before = text
-            try:
-                labyrinth = parse(text)
-            except LabyrinthError as error:
-                raise DatasetError(one_line(error)) from error
-            solver = Solver(labyrinth)
-        for action in (min(actions, default=0), max(actions, default=0)):
-            if not 0 <= action < len(Action):
-                raise DatasetError(f"{action} is not an action")
-        states = [labyrinth.start]
-        for action in actions:
-            states.append(solver.table[states[-1]][action])
-        yield Route(labyrinth, is_first, solver, states, actions, returned)
-
-
 def routes_of(file: ShardFile) -> Iterator[Route]:
-    """Yield the routes of a shard, reading one row group at a time.
+    """Yield the routes of a shard, grouped by labyrinth, reading one row group at a time.
 
     Raises:
-        DatasetError: The file is missing or damaged, or its rows do not form episodes.
+        DatasetError: The file is missing or damaged, or its rows do not form episodes; a text does
+            not describe a labyrinth, or an action is not one of the four.
     """
+    before: str | None = None
     try:
-        yield from routes(episode for group in file.episodes() for episode in group.each())
-    except DatasetError as error:
-        if str(file.path) in str(error):  # From `ShardFile.rows`.
+        for text, actions, returned in (each for group in file.episodes() for each in group.each()):
+            is_first = text != before
+            if is_first:
+                before, labyrinth = text, parse(text)
+                solver = Solver(labyrinth)
+            for action in (min(actions, default=0), max(actions, default=0)):
+                if not 0 <= action < len(Action):
+                    raise DatasetError(f"{action} is not an action")
+            states = [labyrinth.start]
+            for action in actions:
+                states.append(solver.table[states[-1]][action])
+            yield Route(labyrinth, is_first, solver, states, actions, returned)
+    except (DatasetError, LabyrinthError) as error:
+        if isinstance(error, DatasetError) and str(file.path) in str(error):  # From the file.
             raise
         raise DatasetError(f"{file.path} cannot be read: {one_line(error)}") from error
 

@@ -94,7 +94,10 @@ class Card:
             DatasetError, OSError: The folder has a link in the place of a folder of ours, or cannot
                 be written.
         """
-        Ownership(self.own).replace(self.files, gone=_gone(self.own, self.files))
+        drawn = [name for name, _ in self.own.hashes if name.startswith(f"{PICTURES}/")]
+        of_companions = [name for kind in Companion.kinds() for name in kind.file_names]
+        gone = [name for name in (*drawn, *of_companions) if name not in self.files]
+        Ownership(self.own).replace(self.files, gone=gone)
         self.sums.write()
         if self.others:
             reason = "because no card wrote them, or they were damaged or changed since"
@@ -138,36 +141,37 @@ def prepared_card(
             or the README.md or SHA256SUMS is not ours or damaged.
     """
     with held(data_dir, README) if alone else nullcontext():
-        yield _prepared(data_dir, release or Release(), workers, overwrite)
-
-
-def _prepared(data_dir: AnyPath, release: Release, workers: int, overwrite: bool) -> Card:
-    values, text = front_matter.read(data_dir / README)
-    own = Sums.read(data_dir, overwrite=overwrite)
-    versions = (data_dir / CHANGELOG).read_text(encoding="utf-8") if own.has(CHANGELOG) else ""
-    datasets = _without_leaks(data_dir, workers)
-    manifests = [dataset.manifest for dataset in datasets]
-    default = front_matter.default_config(manifests)
-    release = replace(release, licence=front_matter.licence_of(values))
-    text = front_matter.with_generated(text, readme.text(datasets, default, release))
-    files = {
-        **_pictures(datasets, default),
-        CHANGELOG: changelog(versions, manifests, release.version).encode(),
-        CROISSANT: croissant(datasets, release).encode(),
-        CITATION: _citation_file(release).encode(),
-    }
-    for kind in Companion.kinds():
-        if own_companions := kind.beside(manifests):
-            files |= kind.files(own_companions, str(values.get("pretty_name", NAME)))
-    others = [] if overwrite else Ownership(own).others(files)
-    for name in others:
-        del files[name]
-    files[README] = _with_front_matter(values, manifests, text).encode()
-    listed = _data(data_dir, datasets)
-    if release.version and not overwrite:
-        _require_as_listed(own, manifests, listed)
-    listed |= {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
-    return Card(datasets, files, Sums(data_dir, made=frozenset(listed.items())), own, others)
+        values, text = front_matter.read(data_dir / README)
+        own = Sums.read(data_dir, overwrite=overwrite)
+        versions = (data_dir / CHANGELOG).read_text(encoding="utf-8") if own.has(CHANGELOG) else ""
+        datasets = statistics_of(data_dir, "card", workers)
+        for dataset in datasets:
+            if problems := "; ".join(dataset.certificate.problems()):
+                reason = f"{problems}; no card is written for such a dataset"
+                raise DatasetError(f"{data_dir / dataset.name}: {reason}")
+            dataset.data.check_table()
+        manifests = [dataset.manifest for dataset in datasets]
+        default = front_matter.default_config(manifests)
+        release = replace(release or Release(), licence=front_matter.licence_of(values))
+        text = front_matter.with_generated(text, readme.text(datasets, default, release))
+        files = {
+            **_pictures(datasets, default),
+            CHANGELOG: changelog(versions, manifests, release.version).encode(),
+            CROISSANT: croissant(datasets, release).encode(),
+            CITATION: _citation_file(release).encode(),
+        }
+        for kind in Companion.kinds():
+            if own_companions := kind.beside(manifests):
+                files |= kind.files(own_companions, str(values.get("pretty_name", NAME)))
+        others = [] if overwrite else Ownership(own).others(files)
+        for name in others:
+            del files[name]
+        files[README] = _with_front_matter(values, manifests, text).encode()
+        listed = _data(data_dir, datasets)
+        if release.version and not overwrite:
+            _require_as_listed(own, manifests, listed)
+        listed |= {name: hashlib.sha256(content).hexdigest() for name, content in files.items()}
+        yield Card(datasets, files, Sums(data_dir, made=frozenset(listed.items())), own, others)
 
 
 def _data(data_dir: AnyPath, datasets: Sequence[DatasetStatistics]) -> dict[str, str]:
@@ -204,17 +208,6 @@ def _require_as_listed(own: Sums, manifests: Sequence[Manifest], listed: Mapping
             )
 
 
-def _without_leaks(data_dir: AnyPath, workers: int) -> list[DatasetStatistics]:
-    """Return the statistics of all datasets, after checking that their splits are disjoint."""
-    datasets = statistics_of(data_dir, "card", workers)
-    for dataset in datasets:
-        if problems := "; ".join(dataset.certificate.problems()):
-            reason = f"{problems}; no card is written for such a dataset"
-            raise DatasetError(f"{data_dir / dataset.name}: {reason}")
-        dataset.data.check_table()
-    return datasets
-
-
 def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, bytes]:
     """Return all pictures by their paths."""
     shown = next(dataset for dataset in datasets if dataset.name == default)
@@ -223,13 +216,6 @@ def _pictures(datasets: Sequence[DatasetStatistics], default: str) -> dict[str, 
         for name, figure in FIGURES.items():
             drawn[picture_path(dataset.name, name)] = figure.draw(dataset.splits).png()
     return drawn
-
-
-def _gone(own: Sums, files: Mapping[str, bytes]) -> list[str]:
-    """Return the pictures that are no longer drawn, and the files of companions that are gone."""
-    drawn = [name for name, _ in own.hashes if name.startswith(f"{PICTURES}/")]
-    of_companions = [name for kind in Companion.kinds() for name in kind.file_names]
-    return [name for name in [*drawn, *of_companions] if name not in files]
 
 
 def _with_front_matter(values: dict[str, Any], manifests: list[Manifest], text: str) -> str:
@@ -259,10 +245,6 @@ def size_category(rows: int) -> str:
     return words[min(max(len(str(rows)) - 3, 0), len(_BOUNDS))]
 
 
-def _yaml(values: dict[str, Any]) -> str:
-    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
-
-
 def _citation_file(release: Release) -> str:
     """Return the CITATION.cff of a dataset (https://citation-file-format.github.io, 1.2.0)."""
     fields = {"version": release.version or "", "url": release.url, "software": __version__}
@@ -271,7 +253,8 @@ def _citation_file(release: Release) -> str:
         del values["license"], values["license-url"]
     if not release.repo_id:
         del values["url"]
-    return _yaml({name: value for name, value in values.items() if value is not None})
+    values = {name: value for name, value in values.items() if value is not None}
+    return yaml.safe_dump(values, sort_keys=False, allow_unicode=True, width=100)
 
 
 def changelog(text: str, manifests: Sequence[Manifest], version: str | None) -> str:
