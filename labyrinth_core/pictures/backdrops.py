@@ -12,7 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from itertools import pairwise
 from typing import Any, NamedTuple
 
@@ -82,6 +82,21 @@ class Axis:
     """The first line of the window around an agent in each cell, shape (cells,)."""
     in_windows: dict[int, Sums]
     """Inset -> the weight of the square in each line of the window, shape (cells, reach)."""
+
+    @cached_property
+    def touched(self) -> dict[int, tuple[Numbers, Sums]]:
+        """Inset -> the lines that the square in each cell touches, and its weight in each of them.
+
+        Both have the shape (cells, most), where most is the number of lines that some square
+        touches.
+        """
+        found = {}
+        for inset, shares in self.squares.items():
+            touched = shares.astype(np.bool_)
+            most = touched.sum(axis=1).max()
+            lines = np.argsort(~touched, axis=1, kind="stable")[:, :most]
+            found[inset] = lines, np.take_along_axis(shares, lines, axis=1)
+        return found
 
 
 @dataclass(frozen=True, eq=False)
@@ -300,8 +315,8 @@ class Backdrops:
         row, column = np.divmod(cells, self._width)
         for (_, outer), (inset, inner) in pairwise(nested):
             if inset:
-                lines, down = _touched(self._bands.rows.squares[inset], row)
-                columns, across = _touched(self._bands.columns.squares[inset], column)
+                lines, down = (each[row] for each in self._bands.rows.touched[inset])
+                columns, across = (each[column] for each in self._bands.columns.touched[inset])
                 change = np.subtract(inner, outer, dtype=down.dtype)
                 where = scenes[:, None, None], lines[:, :, None], columns[:, None]
                 self._sums[where] += (down[:, :, None] * across[:, None])[..., None] * change
@@ -353,22 +368,6 @@ class Backdrops:
         down = self._bands.rows.in_windows[inset][row]
         across = self._bands.columns.in_windows[inset][column]
         sums += down[:, :, None, None] * (across[:, :, None] * changes[:, None])[:, None]
-
-
-def _touched(squares: Sums, cells: Numbers) -> tuple[Numbers, Sums]:
-    """Return the lines of pixels that the squares in some cells touch, and the squares' weights.
-
-    Args:
-        squares: The weight of the square in each cell in each line, shape (cells, lines).
-        cells: The N cells along the axis.
-
-    Returns:
-        Shapes (N, most), where most is the number of lines that some square touches.
-    """
-    touched = squares.astype(np.bool_)
-    most = touched.sum(axis=1).max()
-    lines = np.argsort(~touched, axis=1, kind="stable")[cells, :most]
-    return lines, np.take_along_axis(squares[cells], lines, axis=1)
 
 
 class _Palette(NamedTuple):
