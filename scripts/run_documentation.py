@@ -29,6 +29,7 @@ import sys
 import tempfile
 import time
 import traceback
+from collections.abc import Callable, Iterable
 from concurrent.futures import ProcessPoolExecutor
 from itertools import cycle
 from multiprocessing import get_context
@@ -173,6 +174,24 @@ def walk(page: Path, first: str) -> tuple[str, bool]:
     return f"{page.name}: {len(blocks)} blocks, {first}, {seconds:.0f} s", True
 
 
+def run_all(work: Callable[..., tuple[str, bool]], *items: Iterable[Any]) -> int:
+    """Call a function for each item in two processes, and print the lines that it returns.
+
+    Programs are those of this environment, and a quick Python.
+
+    Returns:
+        The exit status, which is 1 if a call returns False.
+    """
+    programs = Path(python()).parent, Path(sys.executable).parent
+    os.environ["PATH"] = os.pathsep.join([*map(str, programs), os.environ["PATH"]])
+    works = True
+    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
+        for line, each in pool.map(work, *items):
+            print(line, flush=True)
+            works &= each
+    return 0 if works else 1
+
+
 def main() -> int:
     """Run the pages; return the exit status, which is 1 if one of them fails."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -180,15 +199,7 @@ def main() -> int:
     pages = [page.absolute() for page in parser.parse_args().pages] or guides()
     with tempfile.TemporaryDirectory() as cache:
         os.environ |= {"XDG_CACHE_HOME": cache, "HF_HUB_OFFLINE": "1", "OMP_NUM_THREADS": "1"}
-        # Pages run the programs of this environment, and a quick Python.
-        programs = Path(python()).parent, Path(sys.executable).parent
-        os.environ["PATH"] = os.pathsep.join([*map(str, programs), os.environ["PATH"]])
-        with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-            works = True
-            for line, each in pool.map(walk, pages, cycle(SHELLS)):
-                print(line, flush=True)
-                works &= each
-    return 0 if works else 1
+        return run_all(walk, pages, cycle(SHELLS))
 
 
 if __name__ == "__main__":

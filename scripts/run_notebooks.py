@@ -18,24 +18,18 @@ import sys
 import tempfile
 import time
 from collections.abc import Iterator
-from concurrent.futures import ProcessPoolExecutor
 from copy import deepcopy
 from functools import partial
-from multiprocessing import get_context
 from pathlib import Path
 from typing import Any
 
 import nbformat
 from nbclient import NotebookClient
 from nbclient.exceptions import CellExecutionError
+from run_documentation import python, run_all
 from traitlets.config import Config
 
-ROOT = Path(__file__).parents[1]
-sys.path.append(str(ROOT / "tests"))
-
-from support.quick_python import python  # noqa: E402
-
-EXAMPLES = ROOT / "examples"
+EXAMPLES = Path(__file__).parents[1] / "examples"
 SECONDS = 300
 """The time limit of a cell."""
 
@@ -108,19 +102,11 @@ def main() -> int:
     os.environ |= {"COLUMNS": "100", "PYTHONWARNINGS": "ignore", "OMP_NUM_THREADS": "1"}
     # `datasets` draws bars only for data that is not in its cache yet.
     os.environ["HF_DATASETS_DISABLE_PROGRESS_BARS"] = "1"
-    # Cells run the programs of this environment, and that of the project by a quick Python.
-    programs = Path(python()).parent, Path(sys.executable).parent
-    os.environ["PATH"] = os.pathsep.join([*map(str, programs), os.environ["PATH"]])
-    own = programs[0] / "labyrinth-datasets"
+    own = Path(python()).with_name("labyrinth-datasets")
     own.write_text(f'#!/bin/sh\nexec {python()} -W ignore -m pipeline "$@"\n', encoding="utf-8")
     own.chmod(0o755)
     paths = sorted(EXAMPLES.glob("*.ipynb"), reverse=True)  # The longest one first.
-    works = True
-    with ProcessPoolExecutor(2, get_context("spawn")) as pool:
-        for line, each in pool.map(partial(run, write=options.write), paths):
-            print(line, flush=True)
-            works &= each
-    return 0 if works else 1
+    return run_all(partial(run, write=options.write), paths)
 
 
 if __name__ == "__main__":

@@ -149,7 +149,9 @@ class Receipt(Excess):
         if self.everywhere:
             lines.append(f"  own way   {_points(way)} points, p {way.p:.3f}, {way.states:,} states")
         for copy in self.copies[:1]:
-            did, shown = (_action(each) for each in (copy.did, copy.shown))
+            did, shown = (
+                Action(int(np.argmax(each))).name.lower() for each in (copy.did, copy.shown)
+            )
             lines.append(
                 f"  e.g. in {copy.labyrinth}, cell {copy.agent}: {did}, as in {shown} of "
                 f"{copy.train_labyrinth}, where {copy.differences} entries differ"
@@ -160,10 +162,6 @@ class Receipt(Excess):
 def _points(of: Excess) -> str:
     low, high = of.interval
     return f"{of.excess:+z.2f} [{low:+z.2f}, {high:+z.2f}]"
-
-
-def _action(shares: Sequence[float]) -> str:
-    return Action(int(np.argmax(shares))).name.lower()
 
 
 def receipt_of(

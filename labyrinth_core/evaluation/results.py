@@ -107,7 +107,15 @@ class Results:
         """Return the figures as tables with a line for each split."""
         figures = [list(HEADINGS)]
         figures += [[split, *_cells(scores)] for split, scores in self.splits.items()]
-        lines = [self._title(), *_aligned(figures)]
+        shown = self.observation
+        if self.image_size is not None:
+            shown += f" of {self.image_size} x {self.image_size}"
+        count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
+        lines = [
+            f"{self.config} of {printable_line(self.dataset)}",
+            f"{shown}, {count} per labyrinth, by {self.way}",
+            *_aligned(figures),
+        ]
         failures = {split: each.figures()["failures"] for split, each in self.splits.items()}
         kinds = [kind for kind in OUTCOMES if any(kind in each for each in failures.values())]
         if kinds:
@@ -119,21 +127,15 @@ class Results:
         if beside:
             rows = [["split", *(name.replace("_", " ") for name in beside)]]
             for split in self.splits:
-                rows.append([split, *(_pair(each[split]) for each in beside.values())])
+                figures_of = (each[split] for each in beside.values())
+                shares = (f"{100 * each['spl']:.0f}/{100 * each['sr']:.0f}" for each in figures_of)
+                rows.append([split, *shares])
             lines += ["", BASELINES_LEGEND, *_aligned(rows)]
         return "\n".join(lines)
 
     def legend(self) -> list[str]:
         """Return what the columns of `tables` mean, in parts."""
         return [*Results.LEGEND, *[REPLANNER_LEGEND] * (REPLANNERS[0] in self.baselines)]
-
-    def _title(self) -> str:
-        shown = self.observation
-        if self.image_size is not None:
-            shown += f" of {self.image_size} x {self.image_size}"
-        count = "one episode" if self.episodes == 1 else f"{self.episodes} episodes"
-        dataset = printable_line(self.dataset)
-        return f"{self.config} of {dataset}\n{shown}, {count} per labyrinth, by {self.way}"
 
     def save(
         self,
@@ -365,10 +367,6 @@ def _cells(scores: Scores) -> list[str]:
         _percent(scores.sr_new_route),
         f"{scores.aer:.2f} ± {figures['aer_std']:.2f}",
     ]
-
-
-def _pair(figures: Mapping[str, float]) -> str:
-    return f"{100 * figures['spl']:.0f}/{100 * figures['sr']:.0f}"
 
 
 def _aligned(rows: Sequence[Sequence[str]]) -> list[str]:

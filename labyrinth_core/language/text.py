@@ -9,7 +9,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, NoReturn
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,15 +21,16 @@ from labyrinth_core.world import (
     TILES,
     Labyrinth,
     LabyrinthError,
-    Labyrinths,
     Look,
     Placer,
     Sketch,
     Structure,
-    Structures,
     Task,
     identity,
 )
+
+if TYPE_CHECKING:
+    from labyrinth_core.world import Labyrinths, Structures
 
 _ALWAYS_WRITTEN = ("key_and_lock", "icy_floor", "occlusion")
 """The settings that every text has; others are written where they are switched on."""
@@ -413,6 +414,8 @@ def parse_many(texts: Sequence[str]) -> Labyrinths | None:
         None if a text is invalid or not in the canonical form, or if the labyrinths differ in
         size, task or look; parse the texts one by one then.
     """
+    from labyrinth_core.world import Labyrinths, Structures  # Import the solver: not for `parse`.
+
     heads, drawings = zip(*(text.partition("\n\n")[::2] for text in texts), strict=True)
     # Parse one text for each combination of settings.
     parsed = [_canonical(text) for text in dict(zip(heads, texts, strict=True)).values()]

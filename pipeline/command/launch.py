@@ -229,7 +229,11 @@ def _flags() -> list[str]:
 def _explained(error: Exception) -> str:
     """Return the line that explains an error to its user, or the traceback of a bug."""
     if isinstance(error, PolicyError):
-        return f"error: {error}{_below(error)}"
+        cause, below = error.__cause__, ""
+        if cause is not None:  # The error inside the policy, which is the user's own code.
+            trace = cause.__traceback__ and cause.__traceback__.tb_next  # Without our own frame.
+            below = "\n" + "".join(traceback.format_exception(type(cause), cause, trace)).rstrip()
+        return f"error: {error}{below}"
     if isinstance(error, ConfigError | DatasetError):
         return f"error: {error}"
     if isinstance(error, OSError) and error.filename is not None:
@@ -244,15 +248,6 @@ def _explained(error: Exception) -> str:
         if error.errno in FAULTS_OF_DISKS:  # The error of an open file does not name the file.
             return f"error: {error.strerror}: once that is fixed, {GOES_ON}"
     return "".join(traceback.format_exception(error)).rstrip()
-
-
-def _below(error: PolicyError) -> str:
-    """Return the traceback of the error inside a policy, which is the user's own code."""
-    cause = error.__cause__
-    if cause is None:
-        return ""
-    trace = cause.__traceback__ and cause.__traceback__.tb_next  # Without our own frame.
-    return "\n" + "".join(traceback.format_exception(type(cause), cause, trace)).rstrip()
 
 
 def _answer_swallowed(ignored: Any) -> None:

@@ -145,17 +145,12 @@ def _value(name: str, value: Any, kind: Any) -> Any:
         check(str(value).lower() in ("true", "false"), f"{name}={value}: give true or false")
         return str(value).lower() == "true"
     check(not isinstance(value, list | dict), f"{name}={value}: give a single value")
-    _check_home(name, value)
-    return value
-
-
-def _check_home(name: str, value: Any) -> None:
-    """Raise a ConfigError if a path begins with `~` and that home folder is unknown."""
     try:
         Path(value if isinstance(value, str) else "").expanduser()
     except RuntimeError as error:  # HOME is not set, or the user does not exist.
         message = f"{name}={value}: that user's home folder is unknown: give the full path"
         raise ConfigError(message) from error
+    return value
 
 
 def check_options(options: Any, cls: type, group: str = "") -> None:
@@ -210,23 +205,19 @@ def literal(value: str) -> str:
     return re.sub(r"(\\*)\$\{", r"\1\1\\${", value)
 
 
-def _quoted(value: str) -> str:
-    """Return a text as Hydra's grammar reads it, in quotation marks if it needs them."""
-    if re.fullmatch(r"(?!null$)[\w./:@%+-]+", value, re.ASCII):
-        return value
-    value = literal(value)
-    # Hydra reads a backslash as an escape only before a quotation mark, even the closing one.
-    value = re.sub(r'(\\*)"', r'\1\1\\"', value)
-    return f'"{value}{value[len(value.rstrip(chr(92))) :]}"'
-
-
 def _as_value(value: object) -> str:
-    """Return the value of an option as Hydra's grammar reads it."""
+    """Return the value of an option as Hydra's grammar reads it, in quotation marks if needed."""
     if value is None or isinstance(value, bool):
         return "null" if value is None else str(value).lower()
     if isinstance(value, list | tuple):
         return f"[{','.join(map(_as_value, value))}]"
-    return _quoted(value) if isinstance(value, str) else str(value)
+    text = str(value)
+    if not isinstance(value, str) or re.fullmatch(r"(?!null$)[\w./:@%+-]+", text, re.ASCII):
+        return text
+    text = literal(text)
+    # Hydra reads a backslash as an escape only before a quotation mark, even the closing one.
+    text = re.sub(r'(\\*)"', r'\1\1\\"', text)
+    return f'"{text}{text[len(text.rstrip(chr(92))) :]}"'
 
 
 def as_typed(name: str, value: object) -> str:

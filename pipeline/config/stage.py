@@ -98,14 +98,6 @@ class Job(Generic[Options]):
             File(folder / self.CONFIG).write_text(content)
 
 
-def _accept(_job: Job[Any], _stages: Sequence[str]) -> None:
-    """Accept any options."""
-
-
-def _no_step(_job: Job[Any], _stages: Sequence[str]) -> tuple[str, ...]:
-    return ()
-
-
 @dataclass(frozen=True)
 class Stage:
     """The declaration of a stage."""
@@ -114,11 +106,11 @@ class Stage:
     """The module with `run(job)`, and perhaps `refuse(job)`, called before any stage runs."""
     options: type
     """The dataclass of the options that the stage is given; see `pipeline.config.declaration`."""
-    check: Callable[[Job[Any], Sequence[str]], None] = _accept
+    check: Callable[[Job[Any], Sequence[str]], None] = lambda _job, _stages: None
     """Raises a ConfigError if an option is invalid, or does not fit the requested stages."""
     headings: Mapping[str, type] = field(default_factory=dict)
     """Heading in `--help` -> the class that declares the options below it."""
-    next_step: Callable[[Job[Any], Sequence[str]], tuple[str, ...]] = _no_step
+    next_step: Callable[[Job[Any], Sequence[str]], tuple[str, ...]] = lambda _job, _stages: ()
     """Returns what to suggest if the stage ran last, given all stages: the options of the next
     command and its purpose; or a line as it is; or nothing."""
     idle: Callable[[Any], Mapping[str, str]] = lambda _options: {}

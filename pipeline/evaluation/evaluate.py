@@ -32,13 +32,21 @@ ATTEMPTS = "attempts"
 def run(job: Job[EvaluateOptions]) -> None:
     """Evaluate the policy of a run, or the one that `policy` names.
 
+    The folder of a run, under the run's name, stands for the run: its results are those of the
+    run, unless an option `evaluation.*` describes the policy in another way.
+
     Raises:
         ConfigError: The policy or the device does not exist, or an option is not allowed.
-        DatasetError: The run is not finished, the dataset has changed since it was trained, or a
-            dataset or a split is missing.
-        PolicyError: The policy raises an error, or returns anything but actions.
+        DatasetError: The run is not finished or another one, the dataset has changed since it was
+            trained, a policy, a dataset or a split cannot be read, or results of something else
+            are where the new ones belong.
+        PolicyError: The policy raises an error, returns anything but actions, or cannot be shown
+            these labyrinths.
     """
-    named, asked = find_policy(job), job.options.evaluation
+    asked, overwrite = job.options.evaluation, job.options.overwrite
+    named = _by_name(job) if job.options.policy else _of_options(job)
+    own = Ownership(Sums.read(named.path.parent, overwrite=overwrite))
+    own.require_free({named.path.name: b""}, named.key, overwrite, named.instead)
     shown, splits = named.shown, asked.splits or None
     if shown.run is not None:
         splits = (*SPLITS.evaluated, *shown.data.manifest.config.shifts)
@@ -51,7 +59,6 @@ def run(job: Job[EvaluateOptions]) -> None:
     if asked.memorised:
         results = _with_receipt(job, shown, results)
     path, files = named.path, {named.path.name: results.to_text(named.about).encode()}
-    overwrite = job.options.overwrite
     leave(path.parent, files, key=named.key, overwrite=overwrite, instead=named.instead)
     if asked.gifs:
         folder = path.parent / ATTEMPTS
@@ -136,24 +143,6 @@ class Named:
         return INSTEAD if self.shown.run is None else OTHER_RUNS
 
 
-def find_policy(job: Job[EvaluateOptions]) -> Named:
-    """Return the policy of the option `policy`, or of the run that the other options describe.
-
-    The folder of a run, under the run's name, stands for the run: its results are those of the
-    run, unless an option `evaluation.*` describes the policy in another way.
-
-    Raises:
-        ConfigError: The policy or the device does not exist, or an option is not allowed.
-        DatasetError: The run is not finished or another one, or a policy or a dataset cannot be
-            read, or results of something else are where the new ones belong.
-        PolicyError: The policy raises an error, or cannot be shown these labyrinths.
-    """
-    named = _of_options(job) if not job.options.policy else _by_name(job)
-    own = Ownership(Sums.read(named.path.parent, overwrite=job.options.overwrite))
-    own.require_free({named.path.name: b""}, named.key, job.options.overwrite, named.instead)
-    return named
-
-
 def _by_name(job: Job[EvaluateOptions]) -> Named:
     options = job.options
     data = job.open_dataset()  # Its error says how to make a dataset that is missing.
@@ -169,9 +158,8 @@ def _by_name(job: Job[EvaluateOptions]) -> Named:
     asked, name = options.evaluation, options.evaluation.name.strip() or Path(options.policy).name
     runs = Path(options.run_dir).expanduser() / job.dataset.name
     path = runs / _as_file_name(name) / Results.FILE
-    if (
-        not asked.name and path.with_name(RunRecord.FILE).exists()
-    ):  # A run keeps its own results there.
+    if not asked.name and path.with_name(RunRecord.FILE).exists():
+        # A run keeps its own results there.
         name = f"{name} as policy"
         path = runs / _as_file_name(name) / Results.FILE
     if path.with_name(RunRecord.FILE).exists():

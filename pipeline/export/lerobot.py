@@ -46,12 +46,14 @@ def write(split: Split, folder: Path, part_bytes: int = PART_BYTES) -> None:
     Raises:
         DatasetError: The table of labyrinths does not match the episodes.
     """
+    import datasets
     import pandas as pd
     import pyarrow as pa
     import pyarrow.parquet as pq
 
     sums: dict[str, Sums] = {}
-    schema = _frame_schema()
+    scalars = {name: datasets.Value(dtype) for name, dtype in _SCALARS.items()}
+    schema = datasets.Features({IMAGE: datasets.Image(), **scalars}).arrow_schema
     (folder / EPISODES).parent.mkdir(parents=True)
     with pq.ParquetWriter(folder / EPISODES, _episode_schema()) as episodes:
         parts = in_parts(_frames_and_rows(split, sums), part_bytes)
@@ -194,14 +196,6 @@ _SCALARS = {
     "task_index": "int64",
 }
 """Column of the frames -> its type, except the pictures."""
-
-
-def _frame_schema() -> pa.Schema:
-    """Return the Arrow schema of the frames, with the features of `datasets` in its metadata."""
-    import datasets
-
-    scalars = {name: datasets.Value(dtype) for name, dtype in _SCALARS.items()}
-    return datasets.Features({IMAGE: datasets.Image(), **scalars}).arrow_schema
 
 
 def _episode_schema() -> pa.Schema:

@@ -15,7 +15,6 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from labyrinth_core.data import LoadedEpisode
 from labyrinth_core.version import DEVELOPERS, __version__
 from pipeline.config import ExportOptions
 from pipeline.export.stage import PART_BYTES, Split, in_parts
@@ -65,10 +64,13 @@ def _episodes(split: Split) -> Iterator[tuple[int, EpisodeBuffer]]:
     from minari.data_collector import EpisodeBuffer
 
     for episode in split.episodes():
+        options: dict[str, Any] = {"labyrinth": episode.info}  # `reset` replays it, with its end.
+        if episode.truncated:
+            options["max_episode_steps"] = len(episode)
         terminations, truncations = [[False] * len(episode) for _ in range(2)]
         terminations[-1], truncations[-1] = episode.terminated, episode.truncated
         buffer = EpisodeBuffer(
-            options=_options(episode),
+            options=options,
             observations=episode.observations,
             actions=episode.actions,
             rewards=episode.rewards,
@@ -87,14 +89,6 @@ def _check_disk(folder: Path, batch: list[EpisodeBuffer]) -> None:
     )
     if shutil.disk_usage(folder).free < needed:
         raise OSError(errno.ENOSPC, os.strerror(errno.ENOSPC))
-
-
-def _options(episode: LoadedEpisode) -> dict[str, Any]:
-    """Return the options of `LabyrinthEnv.reset` that replay the episode, including its end."""
-    options: dict[str, Any] = {"labyrinth": episode.info}
-    if episode.truncated:
-        options["max_episode_steps"] = len(episode)
-    return options
 
 
 def _environment(split: Split) -> EnvSpec:

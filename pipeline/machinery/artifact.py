@@ -358,7 +358,12 @@ def produced(
         if not overwrite and (missing := own.sums.damaged()):
             say(f"{folder} is made again, because missing: {named(missing)}.")
         if not whole.is_replaced_at_once:
-            _claim(own.sums, mark, names)
+            # Empty the folder, and list the files to be made with an unknown hash.
+            old = {name for name, _ in own.sums.hashes}
+            claimed = frozenset((name, UNKNOWN) for name in old.union(names))
+            replace(own.sums, made=claimed, left=frozenset()).write()
+            for name in sorted(old, key=lambda name: name != mark):
+                (folder / name).unlink(missing_ok=True)
         with whole.made() as made:
             yield made
             Sums.of(made, key, names).write()
@@ -377,15 +382,6 @@ def _hashes_of(files: Mapping[str, bytes]) -> frozenset[tuple[str, str]]:
 def _is_there(path: AnyPath) -> bool:
     """Return whether a path exists, as a link that leads nowhere does."""
     return path.exists() or path.is_symlink()
-
-
-def _claim(sums: Sums, mark: str, names: Sequence[str]) -> None:
-    """Empty a folder in a store, and list the files to be made with an unknown hash."""
-    old = {name for name, _ in sums.hashes}
-    claimed = frozenset((name, UNKNOWN) for name in old.union(names))
-    replace(sums, made=claimed, left=frozenset()).write()
-    for name in sorted(old, key=lambda name: name != mark):
-        (sums.folder / name).unlink(missing_ok=True)
 
 
 def named(names: Sequence[str]) -> str:

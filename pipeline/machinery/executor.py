@@ -107,14 +107,23 @@ def cluster(executor: str, workers: int) -> Iterator[None]:
 
 
 def _client(stack: ExitStack, workers: int, address: str | None) -> Any:
-    """Return a client of a running cluster, or of a new cluster that ends with the stack."""
+    """Return a client of a running cluster, or of a new cluster that ends with the stack.
+
+    Raises:
+        ValueError: The address has no port.
+        OSError: No process listens there.
+    """
     import distributed
 
     # It logs each worker that comes or goes.
     logging.getLogger("distributed").setLevel(logging.ERROR)
     target: Any = address
     if address is not None:
-        _connect(address)  # If nothing listens, the client would end in a traceback.
+        host, _, port = address.rpartition("://")[2].partition("/")[0].rpartition(":")
+        if not host or not port.isdecimal() or int(port) > 65_535:
+            raise ValueError("give the address of a cluster with its port, such as 10.0.0.1:8786")
+        # If nothing listens, the client would end in a traceback.
+        socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
     else:
         target = stack.enter_context(
             distributed.LocalCluster(
@@ -125,19 +134,6 @@ def _client(stack: ExitStack, workers: int, address: str | None) -> Any:
             )
         )
     return stack.enter_context(distributed.Client(target, set_as_default=False))
-
-
-def _connect(address: str) -> None:
-    """Connect to an address once.
-
-    Raises:
-        ValueError: The address has no port.
-        OSError: No process listens there.
-    """
-    host, _, port = address.rpartition("://")[2].partition("/")[0].rpartition(":")
-    if not host or not port.isdecimal() or int(port) > 65_535:
-        raise ValueError("give the address of a cluster with its port, such as 10.0.0.1:8786")
-    socket.create_connection((host.strip("[]"), int(port)), timeout=10).close()
 
 
 def ordered_map(

@@ -17,8 +17,7 @@ from labyrinth_core.storage import AnyPath, File
 from pipeline.config import Job, WorkOptions
 from pipeline.inspection import front_matter
 from pipeline.machinery import held, ordered_map, produced, say, tracked
-from pipeline.questions.check import GROUP_ROWS, questions_of
-from pipeline.questions.companion import COMPANION
+from pipeline.questions.companion import COMPANION, GROUP_ROWS, questions_of
 
 WRITER_OPTIONS = {
     "compression": "zstd",

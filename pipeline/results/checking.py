@@ -93,18 +93,13 @@ def read_all(
         except DatasetError as error:
             refused.append(str(error))
             continue
-        for name in _names(each):
+        run, names = each.run, [each.about.name]
+        if run is not None:  # Every name of a run in tables and files.
+            names = [title_of(run), run.of_all_seeds, run.name]
+        for name in names:
             key = each.config, each.fingerprint, Description.as_compared(name)
             named.setdefault(key, f"{path} has the same name, {name}, on the same dataset")
     return runs, submissions, refused
-
-
-def _names(results: Results) -> list[str]:
-    """Return every name of a policy in tables and files."""
-    run = results.run
-    if run is not None:
-        return [title_of(run), run.of_all_seeds, run.name]
-    return [results.about.name]
 
 
 def _require_own_name(

@@ -127,7 +127,12 @@ class Season:
         try:
             require_regular(layout.season, MOST_BYTES)
             season: Season = typed.read_as(cls, File(layout.season).read_json())
-            season._check()
+            if not typed.is_day(season.date):
+                raise ValueError(f"date={season.date}: there is no such day")
+            config = season.dataset_of(b"")
+            if season.config != without_seed(config):
+                raise ValueError("its config has a seed, or options at their defaults")
+            check_rows(config)
         except FileNotFoundError as error:
             raise DatasetError(
                 f"{layout.public} is not a season: no {layout.season.name}"
@@ -137,15 +142,6 @@ class Season:
         if season.name != layout.public.name:
             raise DatasetError(f"{layout.season} is of the season {season.name}")
         return season
-
-    def _check(self) -> None:
-        """Raise ValueError for what the shape of `season.json` does not show."""
-        if not typed.is_day(self.date):
-            raise ValueError(f"date={self.date}: there is no such day")
-        config = self.dataset_of(b"")
-        if self.config != without_seed(config):
-            raise ValueError("its config has a seed, or options at their defaults")
-        check_rows(config)
 
     def to_text(self) -> str:
         """Return the content of `season.json`."""

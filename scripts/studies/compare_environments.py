@@ -23,10 +23,9 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import Any
 
-from environments.discretisation import Discretisation
 from environments.environment import FACTS, LABYRINTH, environment_of
 from environments.experts import source_of
-from environments.summaries import Summary
+from environments.summaries import Discretisation, Summary
 from environments.variation import corrected, measure
 from environments.variation_report import write_report
 

@@ -27,10 +27,10 @@ PLANTS = {
     "validate": [
         ((), "labyrinth_core.data.manifest:Shard.from_json"),
         ((), "pipeline.generation.check_rows:_remade"),
-        *[((), "pipeline.questions.check:routes_of")] * ("questions" in STAGES),
+        *[((), "pipeline.questions.companion:routes_of")] * ("questions" in STAGES),
     ],
     "analyse": [((), "pipeline.inspection.statistics:Solver")],
-    "questions": [(("overwrite=true",), "pipeline.questions.check:question")],
+    "questions": [(("overwrite=true",), "pipeline.questions.companion:question")],
     "card": [((), "pipeline.inspection.analyse:_pair")],
     "report": [
         ((), "pipeline.inspection.analyse:_pair"),
@@ -65,9 +65,9 @@ PLANTS = {
         ),
     ],
     "season": [((*SEASON, "season.name=b"), "pipeline.season.season:check_rows")],
-    "judge": [((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.season:Season._check")],
-    "reveal": [(SEASON, "pipeline.season.season:Season._check")],
-    "verify": [(SEASON, "pipeline.season.season:Season._check")],
+    "judge": [((*SEASON, f"season.submission={RELEASED}"), "pipeline.season.season:check_rows")],
+    "reveal": [(SEASON, "pipeline.season.season:check_rows")],
+    "verify": [(SEASON, "pipeline.season.season:check_rows")],
 }
 """Stage -> options, and a function that it calls."""
 

@@ -12,14 +12,13 @@ from hydra import compose, initialize_config_dir
 
 from labyrinth_core.data import Drawing
 from labyrinth_core.evaluation import RunName
-from pipeline.command.command_line import HYDRA, as_given, parsed, register
-from pipeline.command.composed import ALL, CONF, options_of, part_of
-from pipeline.command.composed import DemonstrationsConfig as DemonstrationsConfig
-from pipeline.command.composed import SplitsConfig as SplitsConfig
-from pipeline.command.composed import resolve as jobs_of
+from pipeline.command import command_line
+from pipeline.command import composed as declared
 from pipeline.command.stages import STAGES
 from pipeline.config import Job
 from pipeline.generation import build
+
+SplitsConfig, DemonstrationsConfig = declared.SplitsConfig, declared.DemonstrationsConfig
 
 
 @dataclass(frozen=True)
@@ -39,15 +38,15 @@ def _derived(options: Any, name: str) -> Any:
     """Return what a stage's class of options has beside the options."""
     for stage in STAGES.values():
         if hasattr(stage.options, name):
-            return getattr(part_of(options, stage.options), name)
+            return getattr(declared.part_of(options, stage.options), name)
     raise AttributeError(name)
 
 
-_KINDS = get_type_hints(ALL)
+_KINDS = get_type_hints(declared.ALL)
 
 RunConfig = make_dataclass(
     "RunConfig",
-    [(each.name, _KINDS[each.name], copy(each)) for each in fields(ALL)],
+    [(each.name, _KINDS[each.name], copy(each)) for each in fields(declared.ALL)],
     frozen=True,
     namespace={"__getattr__": _derived},
 )
@@ -56,7 +55,7 @@ RunConfig = make_dataclass(
 
 def resolve(options: Any) -> Run:
     """Check options as a command line's are, and return a job with all of them."""
-    jobs = jobs_of(options)
+    jobs = declared.resolve(options)
     first = next(iter(jobs.values()))
     return Run(**vars(first) | {"options": replace(options, stages=tuple(jobs))})
 
@@ -99,8 +98,8 @@ def make_both(data_dir: Path) -> Path:
 
 def composed(*arguments: str) -> Run:
     """Return the run that a command line asks for."""
-    register()
-    given = parsed(arguments).overrides
-    with initialize_config_dir(str(CONF), **HYDRA):
-        options = options_of(as_given(compose("config", given), given), given)
+    command_line.register()
+    given = command_line.parsed(arguments).overrides
+    with initialize_config_dir(str(declared.CONF), **command_line.HYDRA):
+        options = declared.options_of(command_line.as_given(compose("config", given), given), given)
     return resolve(RunConfig(**vars(options)))

@@ -7,8 +7,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from environments.discretisation import Discretisation
-from environments.summaries import Summary
+from environments.summaries import Discretisation, Summary
 from labyrinth_core.benchmarks.levels import manhattan_distances
 from pipeline.inspection import holm
 from pipeline.inspection.shift import Floats, cohens_d, permutation_test

@@ -15,8 +15,8 @@ from matplotlib.colors import PowerNorm
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from environments.discretisation import Discretisation
 from environments.environment import FACTS
+from environments.summaries import Discretisation
 from environments.variation import Variation
 from labyrinth_core.storage import File
 from pipeline.machinery import table

@@ -212,6 +212,7 @@ def test_a_new_interpreter_that_cannot_make_the_environment_is_told():
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("one_interpreter")
 def test_two_processes_and_another_chunk_give_the_same_certificate(monkeypatch):
     one = quick(Corridor, range(120), range(120, 240), workers=1)
     two = quick(Corridor, range(120), range(120, 240), workers=2)

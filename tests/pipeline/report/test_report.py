@@ -20,8 +20,7 @@ from labyrinth_core.errors import DatasetError
 from pipeline.inspection import routes_of, statistics_of
 from pipeline.machinery import Sums
 from pipeline.report.findings import read_results
-from pipeline.report.packing import pack, pack_routes
-from pipeline.report.report import PAGE, page, write_report
+from pipeline.report.report import PAGE, pack, pack_routes, page, write_report
 
 pytestmark = pytest.mark.slow
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from environments.discretisation import Discretisation
 from environments.environment import Environment, Trajectory
-from environments.summaries import Summary
+from environments.summaries import Discretisation, Summary
 from environments.variation import corrected, measure
 from scipy.stats import wasserstein_distance
 
