@@ -219,9 +219,9 @@ def certify(splits: Mapping[str, Keys]) -> Certificate:
     for first, second in combinations(own, 2):
         if second not in SPLITS.shifts or first in SPLITS.sampled[:2]:
             base, other = splits[first], splits[second]
-            ids = base.labyrinth, other.labyrinth
-            equal = _counterparts(ids[0], base.structure, ids[1], other.structure)
-            mirrored = _counterparts(ids[0], base.mirrored, ids[1], other.mirrored)
+            of_base, of_other = base.labyrinth, other.labyrinth
+            equal = _counterparts(of_base, base.structure, of_other, other.structure)
+            mirrored = _counterparts(of_base, base.mirrored, of_other, other.mirrored)
             pairs.append(Pair(first, second, equal, equal | mirrored))
     return Certificate(
         labyrinths={split: len(np.unique(splits[split].labyrinth)) for split in names},
