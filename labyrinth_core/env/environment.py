@@ -368,8 +368,10 @@ def _checked(action: int | np.int64) -> int:
 
     Booleans, and arrays or tensors with axes, are refused, also with a single element.
     """
-    if type(action) in (int, np.int64):  # The usual ones, without a further look.
-        number = index(action)
+    if type(action) is int:  # The usual ones come first, since every step passes here.
+        number = action
+    elif type(action) is np.int64:
+        number = int(action)
     elif "bool" in str(getattr(action, "dtype", type(action))) or getattr(action, "ndim", 0) > 0:
         number = -1
     else:

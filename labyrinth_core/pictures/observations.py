@@ -1,6 +1,7 @@
 """How an agent can observe a state: as a picture (decoded or drawn), a vector or a text.
 
-Loading, evaluation and environments read `KINDS`, so a kind is declared here alone.
+Loading, evaluation and environments read `KINDS`, so a kind is declared here alone. `Looks` holds
+the observations of many states, or makes them when they are indexed.
 """
 
 from __future__ import annotations

@@ -139,16 +139,15 @@ class _Folders(CommandOptions, ResultFolderOptions):
     """The options below the second heading of `--help`."""
 
 
-def _headings() -> dict[str, type]:
-    """Return the headings of `--help`, and the class that declares the options below each."""
-    own: dict[str, type] = {
-        "Dataset": DatasetOptions,
-        "Where and how": _Folders,
-        "Training, by 'stages=[train,evaluate]'": TrainingOptions,
-    }
-    for stage in STAGES.values():
-        own |= stage.headings
-    return own
+_HEADINGS: dict[str, type] = {
+    "Dataset": DatasetOptions,
+    "Where and how": _Folders,
+    "Training, by 'stages=[train,evaluate]'": TrainingOptions,
+}
+"""The headings of `--help`, and the class that declares the options below each."""
+
+for _stage in STAGES.values():
+    _HEADINGS |= _stage.headings
 
 
 def declared(cls: type, group: str = "") -> Iterator[tuple[str, Field[Any], Any]]:
@@ -202,7 +201,7 @@ SECTIONS = {
         for name, each, _ in declared(cls)
         if not (name in _LISTED or _LISTED.add(name))  # type: ignore[func-returns-value]
     }
-    for heading, cls in _headings().items()
+    for heading, cls in _HEADINGS.items()
 }
 """What each option means, in the order of `--help`, under its headings."""
 

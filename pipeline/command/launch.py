@@ -107,7 +107,7 @@ def run_command() -> int:
         sys.argv[1:] = arranged(sys.argv[1:], namespace)
         own = namespace.config_dir and namespace.config_name
         Folders.first = str(Path(namespace.config_dir).absolute()) if own else None
-        task = partial(_show, namespace) if shows_job(namespace) else perform
+        task = (lambda config: _show(namespace, config)) if shows_job(namespace) else perform
         with _composed_once(namespace):
             hydra.main(**HYDRA, config_path=str(CONF), config_name="config")(task)()
     except RunError:

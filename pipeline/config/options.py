@@ -62,8 +62,8 @@ class RunFolderOption:
 
 
 @dataclass(frozen=True)
-class ResultFolderOptions(RunFolderOption):
-    """Where trained policies are, and the tables of results."""
+class ResultsFolderOption:
+    """Where the tables of results are."""
 
     results_dir: str = option(
         "results",
@@ -72,6 +72,11 @@ class ResultFolderOptions(RunFolderOption):
     )
     SUBMISSIONS: ClassVar = "submissions"
     """The subfolder for the results of submitted policies."""
+
+
+@dataclass(frozen=True)
+class ResultFolderOptions(RunFolderOption, ResultsFolderOption):
+    """Where trained policies are, and the tables of results."""
 
 
 @dataclass(frozen=True)
