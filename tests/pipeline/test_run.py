@@ -82,8 +82,8 @@ def test_no_name_of_a_folder_colours_or_clears_the_terminal(tmp_path: Path) -> N
     made = run(tmp_path, *options, STEPS)
     assert (made.returncode, made.stderr) == (0, "")
     assert r"a\x1b[2J:fire:\u202eb/3x3 is valid: " in spaced(made.stdout)
-    missing = run(tmp_path, "stages=[card]", 'data_dir="c\x1b[2J"')
-    assert error_of(missing).startswith(r"error: c\x1b[2J holds no finished dataset")
+    missing = run(tmp_path, "stages=[analyse]", 'data_dir="c\x1b[2J"')
+    assert error_of(missing).startswith(r"error: c\x1b[2J/5x5 holds no finished dataset")
     assert not {"\x1b", "\u202e"} & {*made.stdout, *missing.stderr}
 
 

@@ -143,5 +143,5 @@ def test_what_is_no_part_is_refused(
 
 
 def test_only_builds_have_parts(make_run: Callable[..., Run], tmp_path: Path) -> None:
-    run = make_run(tmp_path, part="1/2", stages=["build", "validate", "card"])
+    run = make_run(tmp_path, part="1/2", stages=["build", "validate", "analyse"])
     assert run.options.stages == ("build",)
