@@ -117,18 +117,24 @@ def run_command() -> int:
     except (HydraException, OmegaConfBaseException, ConfigError) as error:
         _explain(refusal(error, folders))
     except OSError as error:
-        if error.filename is None:
+        if error.filename is None and not _is_of_hydra(error):
             raise
-        _explain(f"{error.filename}: {error.strerror}")  # The folder of a sweep.
+        path = f"{error.filename}: " if error.filename else "invalid options: "
+        _explain(f"{path}{error.strerror or one_line(error)}")  # The folder of a sweep, or a file.
     except ValueError as error:
         # Of a command line that Hydra cannot use; else it is a bug.
-        *_, (last, _) = traceback.walk_tb(error.__traceback__)
-        if last.f_globals["__name__"].partition(".")[0] not in ("hydra", "omegaconf"):
+        if not _is_of_hydra(error):
             raise
         _explain(f"invalid options: {one_line(error)}")
     else:
         return 0
     return 1
+
+
+def _is_of_hydra(error: Exception) -> bool:
+    """Return whether Hydra or OmegaConf raised an error."""
+    *_, (last, _) = traceback.walk_tb(error.__traceback__)
+    return last.f_globals["__name__"].partition(".")[0] in ("hydra", "omegaconf")
 
 
 def _show(namespace: Namespace, config: DictConfig) -> None:

@@ -164,6 +164,14 @@ def test_a_file_of_options_whose_values_do_not_fit_is_answered_with_the_option(
     assert error.startswith(f"error: {answer}")
 
 
+def test_a_file_that_holds_no_options_is_not_taken_for_a_fault_of_the_output(
+    tmp_path: Path,
+) -> None:
+    (tmp_path / "mine.yaml").write_text("3\n")
+    error = refused_command("--config-dir", str(tmp_path), "--config-name", "mine")
+    assert error.startswith("error: invalid options: ")
+
+
 @pytest.mark.parametrize(
     "argument", ["buckets.train=50", "+executor_address=tcp://a:1", "leakage.source=x"]
 )
